@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A whole measurement in a bag: the three descriptions and the probing poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from calib_model import cdr
+from calib_model.arm import Arm
+from calib_model.bag_reader import BagMessage, read_messages
+from calib_model.bag_writer import BagWriter
+from calib_model.description import (
+    arm_yaml,
+    gauge_yaml,
+    parse_arm,
+    parse_gauge,
+    parse_probe,
+    probe_yaml,
+)
+from calib_model.errors import BagError
+from calib_model.gauge import Gauge
+from calib_model.probe import Probe
+from calib_model.probing import Measurement, ProbingSet
+from calib_model.topics import (
+    ARM_DESCRIPTION,
+    CAPTURE_POSES,
+    DESCRIPTIONS,
+    GAUGE_DESCRIPTION,
+    PROBE_DESCRIPTION,
+    Topic,
+)
+
+T = TypeVar('T')
+
+
+def read_measurement(
+    path: str | Path,
+    arm: Arm | None = None,
+    probe: Probe | None = None,
+    gauge: Gauge | None = None,
+) -> Measurement:
+    """The measurement in a bag; a description given here takes the place of the bag's own.
+
+    Raises:
+        BagError: no bag, a topic missing, or a message that cannot be read.
+        DescriptionError: a description in the bag cannot be used.
+        DataError: a pose does not fit the descriptions.
+    """
+    wanted = {topic.name: topic.type for topic in (*DESCRIPTIONS, CAPTURE_POSES)}
+    texts: dict[str, str] = {}
+    poses: list[Any] = []
+    for message in read_messages(path, set(wanted)):
+        content = _decoded(path, message, wanted[message.topic], len(poses) + 1)
+        if message.topic == CAPTURE_POSES.name:
+            poses.append(content)
+        else:
+            texts[message.topic] = content.data
+
+    def described(topic: Topic, parse: Callable[[str, str], T], given: T | None) -> T:
+        if given is not None:
+            return given
+        if topic.name not in texts:
+            raise BagError(f'{path}: the bag has no topic {topic.name}')
+        return parse(texts[topic.name], f'{path}: {topic.name}')
+
+    if not poses:
+        raise BagError(f'{path}: the bag has no messages on {CAPTURE_POSES.name}')
+    measured = Measurement(
+        described(ARM_DESCRIPTION, parse_arm, arm),
+        described(PROBE_DESCRIPTION, parse_probe, probe),
+        described(GAUGE_DESCRIPTION, parse_gauge, gauge),
+        _probing_set(path, poses),
+        str(path),
+    )
+    return measured.checked()
+
+
+def _decoded(path: str | Path, message: BagMessage, expected: str, number: int) -> Any:
+    if message.type != expected:
+        raise BagError(f'{path}: topic {message.topic} has type {message.type}, not {expected}')
+    try:
+        return cdr.decode(expected, message.data)
+    except ValueError as error:
+        raise BagError(f'{path}: {message.topic}, message {number}: {error}') from error
+
+
+def _probing_set(path: str | Path, poses: list[Any]) -> ProbingSet:
+    counts = [len(pose.joint_position) for pose in poses]
+    for number, count in enumerate(counts, start=1):
+        if count != counts[0]:
+            raise BagError(
+                f'{path}: pose {number} has {count} joint positions, the first has {counts[0]}'
+            )
+    return ProbingSet(
+        np.array([pose.location for pose in poses], dtype=np.int64),
+        np.array([pose.sphere for pose in poses], dtype=np.int64),
+        np.array([pose.joint_position for pose in poses], dtype=np.float64),
+        np.array([pose.displacement for pose in poses], dtype=np.float64),
+        np.array([cdr.stamp_of(pose) for pose in poses], dtype=np.int64),
+        np.array([pose.readings for pose in poses], dtype=np.int64),
+    )
+
+
+def write_descriptions(bag: BagWriter, arm: Arm, probe: Probe, gauge: Gauge, time: int) -> None:
+    """Put the three descriptions into a bag, as the latched topics give them (time in ns)."""
+    texts = (arm_yaml(arm), probe_yaml(probe), gauge_yaml(gauge))
+    for topic, text in zip(DESCRIPTIONS, texts, strict=True):
+        bag.write_message(topic, cdr.string(text), time)
+
+
+def write_measurement(path: str | Path, measured: Measurement) -> None:
+    """A measurement as a bag of its own; stamps become log times.
+
+    Raises:
+        BagError: there is something at `path` already, or it cannot be written.
+    """
+    poses = measured.poses
+    with BagWriter(path, chunk_size=1 << 20) as bag:
+        start = int(poses.stamp[0]) if len(poses) else 0
+        write_descriptions(bag, measured.arm, measured.probe, measured.gauge, start)
+        for i in range(len(poses)):
+            stamp = int(poses.stamp[i])
+            pose = cdr.probing_pose(
+                stamp, measured.arm.base_frame, int(poses.location[i]), int(poses.sphere[i]),
+                poses.joints[i], poses.displacement[i], int(poses.readings[i]),
+            )  # fmt: skip
+            bag.write_message(CAPTURE_POSES, pose, stamp)

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reading a bag: ours, rosbag2's, whole or cut short."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+import zstandard
+from mcap.exceptions import McapError
+from mcap.records import Channel, Footer, Message, Schema
+from mcap.stream_reader import StreamReader
+
+from calib_model.errors import BagError
+
+# what a damaged file makes the reader and its decompressors raise
+_DAMAGE = (
+    McapError, struct.error, ValueError, KeyError, EOFError, OverflowError, RuntimeError,
+    zstandard.ZstdError,
+)  # fmt: skip
+LARGEST_RECORD = 1 << 30
+
+
+@dataclass(frozen=True)
+class BagMessage:
+    """One message as recorded; times in ns, `data` CDR with its 4-byte header."""
+
+    topic: str
+    type: str
+    log_time: int
+    publish_time: int
+    data: bytes
+
+
+def bag_files(path: str | Path) -> list[Path]:
+    """The MCAP files of a bag: of its folder in recorded order, or the file itself.
+
+    Raises:
+        BagError: there is no bag at `path`.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise BagError(f'{path}: no such bag')
+    if path.is_file():
+        return [path]
+    listed = _listed_files(path) or sorted(path.glob('*.mcap'))
+    if not listed:
+        raise BagError(f'{path}: no .mcap file in this folder')
+    for file in listed:
+        if not file.is_file():
+            raise BagError(f'{path}: metadata.yaml names {file.name}, which is missing')
+    return listed
+
+
+def _listed_files(folder: Path) -> list[Path]:
+    metadata = folder / 'metadata.yaml'
+    if not metadata.is_file():
+        return []
+    try:
+        content = yaml.safe_load(metadata.read_text(encoding='utf-8'))
+        names = content['rosbag2_bagfile_information']['relative_file_paths']
+        return [folder / Path(str(name)).name for name in names]
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, TypeError, KeyError) as error:
+        raise BagError(f'{metadata}: not a rosbag2 metadata file') from error
+
+
+def read_messages(
+    path: str | Path, topics: set[str] | None = None, cut_allowed: bool = True
+) -> Iterator[BagMessage]:
+    """The messages of a bag in the order of the file; only those of `topics` when given.
+
+    A bag cut short (a crash, a kill) gives every complete chunk.
+
+    Raises:
+        BagError: no bag there, not MCAP, not CDR, or damaged (when not merely cut short).
+    """
+    for file in bag_files(path):
+        yield from _read_file(file, topics, cut_allowed)
+
+
+def _read_file(file: Path, topics: set[str] | None, cut_allowed: bool) -> Iterator[BagMessage]:
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, tuple[str, str]] = {}
+    finished = False
+    try:
+        with file.open('rb') as stream:
+            reader = StreamReader(stream, validate_crcs=True, record_size_limit=LARGEST_RECORD)
+            for record in reader.records:
+                if isinstance(record, Schema):
+                    schemas[record.id] = record
+                elif isinstance(record, Channel):
+                    channels[record.id] = (record.topic, _type_name(file, record, schemas))
+                elif isinstance(record, Message):
+                    topic, type_name = channels[record.channel_id]
+                    if topics is None or topic in topics:
+                        yield BagMessage(
+                            topic, type_name, record.log_time, record.publish_time, record.data
+                        )
+                elif isinstance(record, Footer):
+                    finished = True
+    except OSError as error:
+        raise BagError(f'{file}: cannot be read: {error.strerror}') from error
+    except _DAMAGE as error:
+        if finished:
+            return
+        if not channels and not schemas:
+            raise BagError(f'{file}: not an MCAP bag, or cut before its first chunk') from error
+        if not cut_allowed or not _is_cut(error):
+            raise BagError(f'{file}: damaged: {error or type(error).__name__}') from error
+
+
+def _is_cut(error: BaseException) -> bool:
+    """Whether the file merely ends too early."""
+    return type(error).__name__ == 'EndOfFile'
+
+
+def _type_name(file: Path, channel: Channel, schemas: dict[int, Schema]) -> str:
+    if channel.message_encoding != 'cdr':
+        raise BagError(f'{file}: topic {channel.topic} is encoded as {channel.message_encoding!r}')
+    schema = schemas.get(channel.schema_id)
+    return schema.name if schema is not None else ''

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""CDR bytes of the suite's messages, by way of rosbags' type system: no ROS install needed."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from calib_model.topics import DISPLACEMENTS, JOINT_STATE, PROBING_POSE, STRING
+
+# the fields of calib_interfaces' messages, here too so that bags need no built workspace;
+# a test holds them equal to the .msg files
+DEFINITIONS = {
+    DISPLACEMENTS: """\
+uint8 OK=0
+uint8 NO_CONTACT=1
+uint8 OVER_TRAVEL=2
+uint8 WEAK_SIGNAL=3
+std_msgs/Header header
+float64[3] displacement
+uint8[3] status
+""",
+    PROBING_POSE: """\
+std_msgs/Header header
+uint16 location
+uint16 sphere
+float64[] joint_position
+float64[3] displacement
+uint32 readings
+""",
+}
+
+
+@cache
+def typestore() -> Typestore:
+    """ROS 2 Jazzy's message types and ours."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name, text in DEFINITIONS.items():
+        store.register(get_types_from_msg(text, name))
+    return store
+
+
+@cache
+def schema_text(type_name: str) -> bytes:
+    """A message type with its dependencies in `ros2msg` form, as MCAP schemas hold it."""
+    text, _ = typestore().generate_msgdef(type_name, ros_version=2)
+    return text.encode()
+
+
+@cache
+def type_hash(type_name: str) -> str:
+    """The type's RIHS01 hash."""
+    return typestore().hash_rihs01(type_name)
+
+
+def decode(type_name: str, data: bytes) -> Any:
+    """A message from its CDR bytes.
+
+    Raises:
+        ValueError: the bytes do not hold such a message.
+    """
+    try:
+        return typestore().deserialize_cdr(data, type_name)
+    except Exception as error:  # the generated decoders raise what the damage leads them to
+        raise ValueError(f'not a {type_name}: {type(error).__name__}') from error
+
+
+def encode(message: Any) -> bytes:
+    """The CDR bytes of a message made by one of the functions below."""
+    return bytes(typestore().serialize_cdr(message, message.__msgtype__))
+
+
+def string(text: str) -> Any:
+    """A std_msgs/String."""
+    return typestore().types[STRING](data=text)
+
+
+def header(stamp: int, frame: str) -> Any:
+    """A std_msgs/Header of a stamp in ns."""
+    types = typestore().types
+    seconds, nanoseconds = divmod(int(stamp), 1_000_000_000)
+    time = types['builtin_interfaces/msg/Time'](sec=seconds, nanosec=nanoseconds)
+    return types['std_msgs/msg/Header'](stamp=time, frame_id=frame)
+
+
+def stamp_of(message: Any) -> int:
+    """A message's header stamp in ns."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def joint_state(stamp: int, frame: str, names: list[str], position: np.ndarray) -> Any:
+    """A sensor_msgs/JointState with positions (n,) in rad."""
+    empty = np.zeros(0)
+    return typestore().types[JOINT_STATE](
+        header=header(stamp, frame), name=names, position=np.asarray(position, dtype=np.float64),
+        velocity=empty, effort=empty,
+    )  # fmt: skip
+
+
+def displacements(stamp: int, frame: str, values: np.ndarray, status: np.ndarray) -> Any:
+    """A StylusDisplacements of three readings (3,) in m and their status (3,)."""
+    return typestore().types[DISPLACEMENTS](
+        header=header(stamp, frame), displacement=np.asarray(values, dtype=np.float64),
+        status=np.asarray(status, dtype=np.uint8),
+    )  # fmt: skip
+
+
+def probing_pose(
+    stamp: int, frame: str, location: int, sphere: int,
+    joints: np.ndarray, values: np.ndarray, readings: int,
+) -> Any:  # fmt: skip
+    """A ProbingPose of joints (n,) in rad and mean displacements (3,) in m."""
+    return typestore().types[PROBING_POSE](
+        header=header(stamp, frame), location=location, sphere=sphere,
+        joint_position=np.asarray(joints, dtype=np.float64),
+        displacement=np.asarray(values, dtype=np.float64), readings=readings,
+    )  # fmt: skip

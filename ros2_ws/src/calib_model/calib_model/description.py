@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Arm, probe and gauge descriptions as YAML: the same text in files, on topics and in results."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import yaml
+
+from calib_model.arm import Arm, Joint
+from calib_model.errors import DescriptionError
+from calib_model.fields import Fields, load_mapping
+from calib_model.gauge import Gauge
+from calib_model.probe import STYLI, ActiveProbe, PassiveProbe, Probe, Stylus
+from calib_model.rotation import RigidTransform
+
+T = TypeVar('T')
+JOINT_KEYS = ('name', 'a', 'alpha', 'd', 'theta_0', 'beta', 'direction', 'limits', 'velocity')
+
+
+def read_description(path: str | Path, parse: Callable[[str, str], T]) -> T:
+    """The description in a file, by one of the parsers below.
+
+    Raises:
+        DescriptionError: the file cannot be read or its content cannot be used.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, 'strerror', None) or 'not a text file'
+        raise DescriptionError(str(path), '', f'cannot be read: {reason}') from error
+    return parse(text, str(path))
+
+
+def parse_arm(text: str, source: str = 'arm description') -> Arm:
+    """An arm from its YAML text; `source` is what error messages call it.
+
+    Raises:
+        DescriptionError: a key is missing, unknown, or has a value of the wrong kind.
+    """
+    top = load_mapping(text, source, ('name', 'base_frame', 'flange_frame', 'joints'))
+    joints = tuple(_joint(row) for row in top.rows('joints', JOINT_KEYS))
+    names = [joint.name for joint in joints]
+    for name in names:
+        if names.count(name) > 1:
+            raise DescriptionError(source, 'joints', f'two joints are called {name!r}')
+    return Arm(
+        top.text('name'),
+        joints,
+        top.text('base_frame', 'base_link'),
+        top.text('flange_frame', 'tool0'),
+    )
+
+
+def _joint(row: Fields) -> Joint:
+    direction = row.number('direction', 1.0)
+    if direction not in (1.0, -1.0):
+        raise row.refuse('direction', 'expected 1 or -1')
+    lower, upper = row.numbers('limits', 2, (-np.inf, np.inf), finite=False)
+    if not lower < upper:
+        raise row.refuse('limits', 'expected [lower, upper] with lower < upper')
+    velocity = row.number('velocity', np.inf, finite=False)
+    if not velocity > 0:
+        raise row.refuse('velocity', 'expected a speed above zero')
+    a, alpha, d, theta_0 = (row.number(key) for key in ('a', 'alpha', 'd', 'theta_0'))
+    return Joint(
+        row.text('name'), a, alpha, d, theta_0, row.number('beta', 0.0), int(direction),
+        (lower, upper), velocity,
+    )  # fmt: skip
+
+
+def parse_probe(text: str, source: str = 'probe description') -> Probe:
+    """A probe from its YAML text.
+
+    Raises:
+        DescriptionError: a key is missing, unknown, or has a value of the wrong kind.
+    """
+    top = load_mapping(text, source, ('name', 'kind', 'flange_T_probe', 'styli', 'center'))
+    name, kind = top.text('name'), top.text('kind')
+    mount = top.mapping('flange_T_probe', ('translation', 'rotation_vector'))
+    zero = (0.0, 0.0, 0.0)
+    flange_T_probe = RigidTransform(
+        np.array(mount.numbers('translation', 3, zero)),
+        np.array(mount.numbers('rotation_vector', 3, zero)),
+    )
+    if kind == 'passive':
+        return PassiveProbe(name, flange_T_probe, np.array(top.numbers('center', 3, zero)))
+    if kind != 'active':
+        raise top.refuse('kind', f"expected 'active' or 'passive', got {kind!r}")
+    rows = top.rows('styli', ('origin', 'direction', 'tip_radius', 'stroke'))
+    if len(rows) != STYLI:
+        raise top.refuse('styli', f'expected {STYLI} styli, got {len(rows)}')
+    first, second, third = (_stylus(row) for row in rows)
+    return ActiveProbe(name, flange_T_probe, (first, second, third))
+
+
+def _stylus(row: Fields) -> Stylus:
+    origin, direction = row.numbers('origin', 3), row.numbers('direction', 3)
+    if not np.linalg.norm(direction) > 1e-9:
+        raise row.refuse('direction', 'expected a vector that is not zero')
+    lower, upper = row.numbers('stroke', 2)
+    if not lower < upper:
+        raise row.refuse('stroke', 'expected [free, blocked] with free < blocked')
+    tip_radius = row.number('tip_radius')
+    if tip_radius < 0:
+        raise row.refuse('tip_radius', 'expected a radius, not a negative number')
+    return Stylus(_triple(origin), _triple(direction), tip_radius, (lower, upper))
+
+
+def parse_gauge(text: str, source: str = 'gauge description') -> Gauge:
+    """A gauge from its YAML text.
+
+    Raises:
+        DescriptionError: a key is missing, unknown, or has a value of the wrong kind.
+    """
+    top = load_mapping(text, source, ('name', 'sphere_diameter', 'spheres', 'uncertainty'))
+    diameter = top.number('sphere_diameter')
+    if not diameter > 0:
+        raise top.refuse('sphere_diameter', 'expected a diameter above zero')
+    spheres = []
+    for row in top.rows('spheres', ('number', 'center')):
+        number = row.number('number')
+        if number != int(number) or not 0 <= number <= 65535:
+            raise row.refuse('number', 'expected a whole number from 0 to 65535')
+        if int(number) in [known for known, _ in spheres]:
+            raise row.refuse('number', f'sphere {int(number)} is listed twice')
+        spheres.append((int(number), _triple(row.numbers('center', 3))))
+    constant, proportional = 0.0, 0.0
+    if 'uncertainty' in top:
+        uncertainty = top.mapping('uncertainty', ('constant', 'proportional'))
+        constant = uncertainty.number('constant', 0.0)
+        proportional = uncertainty.number('proportional', 0.0)
+    return Gauge(top.text('name'), diameter, tuple(spheres), constant, proportional)
+
+
+def _triple(values: tuple[float, ...]) -> tuple[float, float, float]:
+    x, y, z = values
+    return (x, y, z)
+
+
+def arm_yaml(arm: Arm) -> str:
+    """The YAML text of an arm; every number comes back bit for bit."""
+    joints = []
+    for joint in arm.joints:
+        row: dict[str, Any] = {'name': joint.name}
+        row |= {key: getattr(joint, key) for key in ('a', 'alpha', 'd', 'theta_0')}
+        row |= {'beta': joint.beta, 'direction': joint.direction}
+        if np.isfinite(joint.limits).all():
+            row['limits'] = list(joint.limits)
+        if np.isfinite(joint.velocity):
+            row['velocity'] = joint.velocity
+        joints.append(row)
+    return _dump({
+        'name': arm.name, 'base_frame': arm.base_frame, 'flange_frame': arm.flange_frame,
+        'joints': joints,
+    })  # fmt: skip
+
+
+def probe_yaml(probe: Probe) -> str:
+    """The YAML text of a probe; every number comes back bit for bit."""
+    mount = probe.flange_T_probe
+    top: dict[str, Any] = {'name': probe.name, 'kind': probe.kind}
+    top['flange_T_probe'] = {
+        'translation': mount.translation.tolist(),
+        'rotation_vector': mount.rotation_vector.tolist(),
+    }
+    if isinstance(probe, PassiveProbe):
+        top['center'] = probe.center.tolist()
+    else:
+        top['styli'] = [
+            {'origin': list(s.origin), 'direction': list(s.direction),
+             'tip_radius': s.tip_radius, 'stroke': list(s.stroke)}
+            for s in probe.styli
+        ]  # fmt: skip
+    return _dump(top)
+
+
+def gauge_yaml(gauge: Gauge) -> str:
+    """The YAML text of a gauge; every number comes back bit for bit."""
+    return _dump({
+        'name': gauge.name,
+        'sphere_diameter': gauge.sphere_diameter,
+        'spheres': [{'number': n, 'center': list(center)} for n, center in gauge.spheres],
+        'uncertainty': {'constant': gauge.constant, 'proportional': gauge.proportional},
+    })  # fmt: skip
+
+
+class _Dumper(yaml.SafeDumper):
+    """Numbers as YAML 1.1 reads them back: an exponent wants a point before it."""
+
+
+def _float(dumper: yaml.SafeDumper, value: float) -> yaml.ScalarNode:
+    return yaml.SafeDumper.represent_float(dumper, float(value))
+
+
+_Dumper.add_representer(float, _float)
+
+
+def _dump(value: dict[str, Any]) -> str:
+    text: str = yaml.dump(value, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=100)
+    return text

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The ball-bar gauge and its certificate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from calib_model.errors import DataError
+from calib_model.rotation import Array, frozen
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """Spheres of one diameter (m) with certified centres `(number, (x, y, z))` in the gauge frame.
+
+    `constant` (m) and `proportional` (m/m) give the certificate's expanded uncertainty of a
+    distance L: constant + proportional * L; the chapter's (1 + 0.001 L) um, L in mm.
+    """
+
+    name: str
+    sphere_diameter: float
+    spheres: tuple[tuple[int, tuple[float, float, float]], ...]
+    constant: float = 0.0
+    proportional: float = 0.0
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """The spheres' numbers, in the certificate's order."""
+        return tuple(number for number, _ in self.spheres)
+
+    def center(self, number: int) -> Array:
+        """The certified centre (3,) of a sphere in the gauge frame, m.
+
+        Raises:
+            DataError: the certificate has no such sphere.
+        """
+        for known, center in self.spheres:
+            if known == number:
+                return frozen(center)
+        raise DataError(f'{self.name}: no sphere {number} on the certificate (has {self.numbers})')
+
+    def distance(self, first: int, second: int) -> float:
+        """The certified distance D0 between two spheres' centres, m (eq. 7).
+
+        Raises:
+            DataError: the certificate lacks one of them.
+        """
+        return float(np.linalg.norm(self.center(first) - self.center(second)))
+
+    def distance_uncertainty(self, length: float) -> float:
+        """The certificate's expanded (k = 2) uncertainty of a distance `length` (m), in m."""
+        return self.constant + self.proportional * length
+
+    def pairs(self) -> list[tuple[int, int]]:
+        """Every pair of sphere numbers once, in the certificate's order."""
+        return list(combinations(self.numbers, 2))

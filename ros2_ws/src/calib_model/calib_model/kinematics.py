@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Forward kinematics (eqs. 2 to 4, 9) and its analytic derivatives, vectorised over poses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib_model.arm import JOINT_PARAMETERS, Arm
+from calib_model.rotation import Array
+
+
+@dataclass(frozen=True)
+class JointFrame:
+    """What one joint's transformation leaves behind for N poses, all in the base frame.
+
+    `z_joint` (N, 3) is the joint's axis through `origin_joint` (N, 3); `x` (N, 3) the common
+    normal; `rotation` (N, 3, 3) and `origin` (N, 3) the frame after the joint.
+    """
+
+    origin_joint: Array
+    z_joint: Array
+    x: Array
+    rotation: Array
+    origin: Array
+
+
+def joint_frames(arm: Arm, q: Array) -> Iterator[JointFrame]:
+    """The frames of eq. 2, joint by joint from the base, for postures q (N, n) in rad."""
+    q = arm.check_joints(q)
+    count = len(q)
+    rotation = np.broadcast_to(np.eye(3), (count, 3, 3))
+    origin = np.zeros((count, 3))
+    for i, (a, alpha, d, theta_0, beta) in enumerate(arm.geometry.T):
+        theta = arm.direction[i] * q[:, i] - theta_0
+        cosine, sine = np.cos(theta)[:, None], np.sin(theta)[:, None]
+        x_before, y_before, z_before = rotation[:, :, 0], rotation[:, :, 1], rotation[:, :, 2]
+        x = cosine * x_before + sine * y_before
+        y_turned = cosine * y_before - sine * x_before
+        y = np.cos(alpha) * y_turned + np.sin(alpha) * z_before
+        z = np.cos(alpha) * z_before - np.sin(alpha) * y_turned
+        axes = (np.cos(beta) * x - np.sin(beta) * z, y, np.sin(beta) * x + np.cos(beta) * z)
+        origin_after = origin + d * z_before + a * x
+        rotation_after = np.stack(axes, axis=-1)
+        yield JointFrame(origin, z_before, x, rotation_after, origin_after)
+        rotation, origin = rotation_after, origin_after
+
+
+def forward(arm: Arm, q: Array) -> Array:
+    """`T_base_flange` (N, 4, 4) of postures q (N, n): eq. 3 without the probe.
+
+    Raises:
+        DataError: `q` has not the arm's number of joints.
+    """
+    *_, last = joint_frames(arm, q)
+    matrices = np.zeros((len(last.origin), 4, 4))
+    matrices[:, :3, :3] = last.rotation
+    matrices[:, :3, 3] = last.origin
+    matrices[:, 3, 3] = 1.0
+    return matrices
+
+
+def points(arm: Arm, q: Array, p_flange: Array) -> Array:
+    """`p_base` (N, 3) of points `p_flange` (3,) or (N, 3) fixed to the flange, m: eq. 9.
+
+    Applies the joints from the flange to the base, so no matrices are built.
+
+    Raises:
+        DataError: `q` has not the arm's number of joints.
+    """
+    q = arm.check_joints(q)
+    x, y, z = np.broadcast_to(p_flange, (len(q), 3)).T
+    for i in reversed(range(arm.n)):
+        a, alpha, d, theta_0, beta = arm.geometry[:, i]
+        if beta != 0.0:
+            x, z = np.cos(beta) * x + np.sin(beta) * z, np.cos(beta) * z - np.sin(beta) * x
+        y, z = np.cos(alpha) * y - np.sin(alpha) * z, np.sin(alpha) * y + np.cos(alpha) * z + d
+        x = x + a
+        theta = arm.direction[i] * q[:, i] - theta_0
+        cosine, sine = np.cos(theta), np.sin(theta)
+        x, y = cosine * x - sine * y, sine * x + cosine * y
+    return np.stack([x, y, z], axis=-1)
+
+
+@dataclass(frozen=True)
+class PointDerivatives:
+    """Points `p_base` (N, 3) and how they move.
+
+    `geometry` (N, 3, 5, n): by each joint's a, alpha, d, theta_0, beta (the order of
+    `JOINT_PARAMETERS`), m/m and m/rad. `joints` (N, 3, n): by the joint positions, m/rad.
+    `flange` (N, 3, 3): the flange's rotation, the derivative by `p_flange`.
+    """
+
+    p_base: Array
+    geometry: Array
+    joints: Array
+    flange: Array
+
+
+def point_derivatives(arm: Arm, q: Array, p_flange: Array) -> PointDerivatives:
+    """The analytic Jacobian of `points` by every parameter and every joint.
+
+    Each parameter is a screw: a length moves the point along its axis, an angle turns it about
+    its axis; the axes are those of the frames that eq. 2 passes through.
+
+    Raises:
+        DataError: `q` has not the arm's number of joints.
+    """
+    q = arm.check_joints(q)
+    frames = list(joint_frames(arm, q))
+    flange = frames[-1].rotation
+    lever = np.einsum('nij,nj->ni', flange, np.broadcast_to(p_flange, (len(q), 3)))
+    p_base = frames[-1].origin + lever
+    geometry = np.empty((len(q), 3, len(JOINT_PARAMETERS), arm.n))
+    joints = np.empty((len(q), 3, arm.n))
+    for i, frame in enumerate(frames):
+        turned = np.cross(frame.z_joint, p_base - frame.origin_joint)
+        from_origin = p_base - frame.origin
+        geometry[:, :, 0, i] = frame.x
+        geometry[:, :, 1, i] = np.cross(frame.x, from_origin)
+        geometry[:, :, 2, i] = frame.z_joint
+        geometry[:, :, 3, i] = -turned
+        geometry[:, :, 4, i] = np.cross(frame.rotation[:, :, 1], from_origin)
+        joints[:, :, i] = arm.direction[i] * turned
+    return PointDerivatives(p_base, geometry, joints, flange)

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The one named table of parameters: the only way from names to places in a vector."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib_model.arm import JOINT_PARAMETERS, Arm
+from calib_model.errors import DataError
+from calib_model.probe import Probe
+from calib_model.rotation import Array, RigidTransform, frozen
+
+PROBE_PARAMETERS = ('probe_x', 'probe_y', 'probe_z', 'probe_rx', 'probe_ry', 'probe_rz')
+LENGTHS = ('a', 'd')
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of the model.
+
+    `kind` is a, alpha, d, theta_0, beta, probe_translation or probe_rotation; `joint` counts from
+    1 and is 0 for the probe's; `nominal` in `unit` (m or rad). `reason` says why it is frozen.
+    """
+
+    name: str
+    kind: str
+    joint: int
+    unit: str
+    nominal: float
+    free: bool = True
+    reason: str = ''
+
+
+@dataclass(frozen=True)
+class ParameterTable:
+    """All parameters of an arm of n joints with its probe: the 5n + 6 columns of a Jacobian.
+
+    Columns: a1..an, alpha1.., d1.., theta_0_1.., beta1.., then the probe's translation and
+    rotation vector. A vector over all of them is `full`; one over the free ones is `free`.
+    """
+
+    parameters: tuple[Parameter, ...]
+    n: int
+    nominal: Array = field(init=False, repr=False, compare=False)
+    free_columns: NDArray[np.int64] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'nominal', frozen([p.nominal for p in self.parameters]))
+        free = np.array([i for i, p in enumerate(self.parameters) if p.free], dtype=np.int64)
+        free.setflags(write=False)
+        object.__setattr__(self, 'free_columns', free)
+
+    @classmethod
+    def of(cls, arm: Arm, probe: Probe) -> ParameterTable:
+        """Every parameter free, at the values of `arm` and `probe`."""
+        rows = []
+        for kind, values in zip(JOINT_PARAMETERS, arm.geometry, strict=True):
+            unit = 'm' if kind in LENGTHS else 'rad'
+            for joint, value in enumerate(values, start=1):
+                name = f'{kind}_{joint}' if kind == 'theta_0' else f'{kind}{joint}'
+                rows.append(Parameter(name, kind, joint, unit, float(value)))
+        mount = probe.flange_T_probe
+        for name, value in zip(PROBE_PARAMETERS[:3], mount.translation, strict=True):
+            rows.append(Parameter(name, 'probe_translation', 0, 'm', float(value)))
+        for name, value in zip(PROBE_PARAMETERS[3:], mount.rotation_vector, strict=True):
+            rows.append(Parameter(name, 'probe_rotation', 0, 'rad', float(value)))
+        return cls(tuple(rows), arm.n)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every parameter's name, in column order."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def free(self) -> tuple[Parameter, ...]:
+        """The parameters that are identified, in column order."""
+        return tuple(self.parameters[i] for i in self.free_columns)
+
+    def column(self, name: str) -> int:
+        """The column of a parameter.
+
+        Raises:
+            DataError: there is no parameter of that name.
+        """
+        return self.matching(name)[0]
+
+    def matching(self, pattern: str) -> list[int]:
+        """Columns of the parameters whose names match a shell pattern such as `d*`.
+
+        Raises:
+            DataError: none does.
+        """
+        columns = [i for i, name in enumerate(self.names) if fnmatchcase(name, pattern)]
+        if not columns:
+            raise DataError(f'no parameter is called {pattern!r} (there are {", ".join(self.names)})')
+        return columns
+
+    def frozen_at(self, columns: Iterable[int], reason: str) -> ParameterTable:
+        """The same table with these columns held at their nominal values, and why."""
+        return self._changed(columns, free=False, reason=reason)
+
+    def freed(self, columns: Iterable[int]) -> ParameterTable:
+        """The same table with these columns identified."""
+        return self._changed(columns, free=True, reason='')
+
+    def _changed(self, columns: Iterable[int], free: bool, reason: str) -> ParameterTable:
+        rows = list(self.parameters)
+        for i in columns:
+            rows[i] = replace(rows[i], free=free, reason=reason)
+        return replace(self, parameters=tuple(rows))
+
+    def full(self, free: Array) -> Array:
+        """A vector over all columns from one over the free ones; the others are nominal."""
+        vector = self.nominal.copy()
+        vector[self.free_columns] = free
+        return vector
+
+    def apply(self, full: Array, arm: Arm, probe: Probe) -> tuple[Arm, Probe]:
+        """`arm` and `probe` with the values of a full vector."""
+        size = len(JOINT_PARAMETERS) * self.n
+        geometry = np.reshape(full[:size], (len(JOINT_PARAMETERS), self.n))
+        mount = RigidTransform(full[size : size + 3], full[size + 3 :])
+        return arm.with_geometry(geometry), probe.mounted(mount)

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The probing set: which sphere was probed where, with which joints and which readings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib_model.arm import Arm
+from calib_model.errors import ContactError, DataError
+from calib_model.gauge import Gauge
+from calib_model.probe import Probe
+from calib_model.rotation import Array
+
+
+@dataclass(frozen=True)
+class ProbingSet:
+    """N probing poses.
+
+    `location` (N,) and `sphere` (N,) say what was probed, `joints` (N, n) in rad and
+    `displacement` (N, 3) in m what was read (zeros for a passive probe), `stamp` (N,) in ns
+    since the epoch when, `readings` (N,) how many probe readings were averaged.
+    """
+
+    location: NDArray[np.int64]
+    sphere: NDArray[np.int64]
+    joints: Array
+    displacement: Array
+    stamp: NDArray[np.int64]
+    readings: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        kinds = dict.fromkeys(('location', 'sphere', 'stamp', 'readings'), np.int64)
+        for column in fields(self):
+            values = np.array(getattr(self, column.name), dtype=kinds.get(column.name, np.float64))
+            values.setflags(write=False)
+            object.__setattr__(self, column.name, values)
+        count = len(self.location)
+        if any(len(getattr(self, column.name)) != count for column in fields(self)):
+            raise DataError('the columns of a probing set differ in length')
+
+    @classmethod
+    def of(
+        cls,
+        location: Sequence[int] | NDArray[np.int64],
+        sphere: Sequence[int] | NDArray[np.int64],
+        joints: Array,
+        displacement: Array | None = None,
+    ) -> ProbingSet:
+        """A set without stamps; `displacement` None for a passive probe."""
+        count = len(location)
+        return cls(
+            np.asarray(location, dtype=np.int64),
+            np.asarray(sphere, dtype=np.int64),
+            joints,
+            np.zeros((count, 3)) if displacement is None else displacement,
+            np.arange(count, dtype=np.int64),
+            np.ones(count, dtype=np.int64),
+        )
+
+    def __len__(self) -> int:
+        return len(self.location)
+
+    def take(self, which: NDArray[np.int64] | NDArray[np.bool_]) -> ProbingSet:
+        """The poses of an index or mask array (N,), in its order."""
+        return ProbingSet(*(getattr(self, column.name)[which] for column in fields(self)))
+
+    @staticmethod
+    def joined(sets: Sequence[ProbingSet]) -> ProbingSet:
+        """All poses of several sets with the same number of joints."""
+        if len({part.joints.shape[1] for part in sets}) > 1:
+            raise DataError('probing sets of arms with different numbers of joints')
+        columns = (column.name for column in fields(ProbingSet))
+        return ProbingSet(*(np.concatenate([getattr(s, c) for s in sets]) for c in columns))
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Everything a bag holds: the instruments' descriptions and the poses taken with them."""
+
+    arm: Arm
+    probe: Probe
+    gauge: Gauge
+    poses: ProbingSet
+    source: str = 'measurement'
+
+    def checked(self) -> Measurement:
+        """Itself, when every pose fits the arm, the probe and the gauge.
+
+        Raises:
+            DataError: names the first pose that does not.
+        """
+        poses = self.poses
+        if len(poses) == 0:
+            raise DataError(f'{self.source}: holds no probing poses')
+        if poses.joints.ndim != 2 or poses.joints.shape[1] != self.arm.n:
+            raise DataError(
+                f'{self.source}: poses have {poses.joints.shape[-1]} joint positions, '
+                f'the arm {self.arm.name} has {self.arm.n} joints'
+            )
+        self._refuse(~np.isfinite(poses.joints).all(axis=1), 'has a joint that is not finite')
+        self._refuse(~np.isfinite(poses.displacement).all(axis=1), 'has a reading that is no number')
+        unknown = ~np.isin(poses.sphere, self.gauge.numbers)
+        self._refuse(unknown, f'names a sphere that {self.gauge.name} does not have')
+        self.centers()
+        return self
+
+    def centers(self) -> Array:
+        """`p_probe_sphere` (N, 3) of every pose, m.
+
+        Raises:
+            DataError: names the first pose whose readings fit no sphere of the gauge.
+        """
+        try:
+            return self.probe.centers(self.poses.displacement, self.gauge.sphere_diameter)
+        except ContactError as error:
+            raise DataError(f'{self.source}: {error}') from error
+
+    def _refuse(self, bad: NDArray[np.bool_], problem: str) -> None:
+        if bad.any():
+            row = int(np.argmax(bad))
+            place = f'location {self.poses.location[row]}, sphere {self.poses.sphere[row]}'
+            raise DataError(f'{self.source}: pose {row + 1} ({place}) {problem}')
+
+
+def group_by_sphere(
+    location: NDArray[np.int64], sphere: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The probed spheres, sorted: keys (S, 2) of location and sphere, and each pose's row (N,)."""
+    keys, row = np.unique(np.stack([location, sphere], axis=1), axis=0, return_inverse=True)
+    return keys, row.reshape(-1)
+
+

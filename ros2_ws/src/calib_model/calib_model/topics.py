@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The topics of the suite: name, type and quality of service, for nodes and bags alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+DISPLACEMENTS = 'calib_interfaces/msg/StylusDisplacements'
+PROBING_POSE = 'calib_interfaces/msg/ProbingPose'
+STRING = 'std_msgs/msg/String'
+TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
+
+_FOREVER = {'sec': 9223372036, 'nsec': 854775807}
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic as its publisher offers it; `latched` is ROS 2's transient local durability."""
+
+    name: str
+    type: str
+    depth: int = 100
+    reliable: bool = True
+    latched: bool = False
+
+    def offered_qos(self) -> list[dict[str, Any]]:
+        """The QoS profile in the words of rosbag2's metadata, version 9."""
+        return [
+            {
+                'history': 'keep_last',
+                'depth': self.depth,
+                'reliability': 'reliable' if self.reliable else 'best_effort',
+                'durability': 'transient_local' if self.latched else 'volatile',
+                'deadline': dict(_FOREVER),
+                'lifespan': dict(_FOREVER),
+                'liveliness': 'automatic',
+                'liveliness_lease_duration': dict(_FOREVER),
+                'avoid_ros_namespace_conventions': False,
+            }
+        ]
+
+
+JOINT_STATES = Topic('/joint_states', JOINT_STATE)
+PROBE_DISPLACEMENTS = Topic('/probe/displacements', DISPLACEMENTS, reliable=False)
+CAPTURE_POSES = Topic('/capture/poses', PROBING_POSE)
+ARM_DESCRIPTION = Topic('/arm_description', STRING, depth=1, latched=True)
+PROBE_DESCRIPTION = Topic('/probe_description', STRING, depth=1, latched=True)
+GAUGE_DESCRIPTION = Topic('/gauge_description', STRING, depth=1, latched=True)
+ROBOT_DESCRIPTION = Topic('/robot_description', STRING, depth=1, latched=True)
+JOINT_TRAJECTORY = Topic('/arm_controller/joint_trajectory', TRAJECTORY, depth=1)
+
+DESCRIPTIONS = (ARM_DESCRIPTION, PROBE_DESCRIPTION, GAUGE_DESCRIPTION)
