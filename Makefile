@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+# From a fresh clone each target sets up what it needs first; the second time only what changed.
+
+SHELL := bash
+.DEFAULT_GOAL := setup
+
+# A sourced ROS installation or another venv must not leak into what is run here.
+unexport PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
+unexport LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
+
+# Interpreter for .venv; without it the first suited one on the path is taken.
+ifdef PYTHON
+export PYTHON
+endif
+
+.PHONY: setup demo test lint bench clean
+
+setup:
+	@tools/setup.sh
+
+demo: setup
+	@source ./env.bash && python -m calib_bringup.demo --output output/demo
+
+lint:
+	@tools/setup.sh --dev
+	@source ./env.bash && ruff check . && mypy
+
+test: lint
+	@source ./env.bash && python -m pytest
+
+bench: setup
+	@source ./env.bash && python benchmarks/run.py
+
+clean:
+	rm -rf .venv ros2_ws/build ros2_ws/install ros2_ws/log output
+	find ros2_ws/src -name '*.so' -delete
+	find ros2_ws/src -name '*.egg-info' -prune -exec rm -rf {} +

@@ -1,0 +1,92 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: Apache-2.0
+# Bring .venv and the built workspace up to date; do only what changed since the last time.
+# With --dev also what the tests need.
+set -euo pipefail
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+cd "$root"
+
+# Two set-ups at once (two terminals, parallel make) would tread on each other.
+if command -v flock >/dev/null; then
+  exec 9<"$root"
+  flock 9
+fi
+
+# Prints a stamp of what stands on stdin; the folder is in it because venvs and builds do not move.
+stamp() { { echo "$root"; cat; } | sha256sum | cut -d ' ' -f 1; }
+
+up_to_date() { [ -f "$1" ] && [ "$(cat "$1")" = "$2" ]; }
+
+make_venv() {
+  if [ -x .venv/bin/python ] && .venv/bin/python -c '' 2>/dev/null && up_to_date .venv/place "$root"
+  then
+    [ -z "${PYTHON:-}" ] && return
+    # An interpreter asked for by name must be the one that the venv stands on.
+    local base='import sys; print(sys.version_info[:2])'
+    [ "$("$PYTHON" -c "$base")" = "$(.venv/bin/python -c "$base")" ] && return
+  fi
+  local python
+  python=$(tools/preflight.sh)
+  echo "set-up: .venv with $("$python" --version)"
+  rm -rf .venv
+  "$python" -m venv .venv
+  echo "$root" >.venv/place
+}
+
+install_wheels() {
+  local list=$1 want
+  want=$(stamp <"$list")
+  up_to_date ".venv/$list" "$want" && return
+  echo "set-up: wheels of $list"
+  # The list is complete, so nothing is left to resolve; modules compile when first imported.
+  .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-compile \
+    -r "$list"
+  echo "$want" >".venv/$list"
+}
+
+# What a build of the package in folder $1 depends on. Python modules and the contents of data
+# files are linked, not copied: of those only the names count.
+sources() {
+  sha256sum .venv/requirements.txt
+  find "$1" -type f ! -name '*.py' ! -name '*.pyc' ! -name '*.so' ! -path '*/test/*' \
+    ! -path '*.egg-info/*' | sort
+  find "$1" -type f \( -path '*/calib_interfaces/*' -o -name '*.c' -o -name '*.h' \
+    -o -name setup.py -o -name setup.cfg -o -name package.xml \) -print0 | sort -z |
+    xargs -0 sha256sum
+}
+
+build_workspace() {
+  local folder package changed=()
+  for folder in ros2_ws/src/*/; do
+    package=$(basename "$folder")
+    up_to_date "ros2_ws/install/$package/.built" "$(sources "$folder" | stamp)" ||
+      changed+=("$package")
+  done
+  [ ${#changed[@]} = 0 ] && return
+  echo "set-up: build of ${changed[*]}"
+  PATH="$root/.venv/bin:$PATH" AMENT_PREFIX_PATH="$root/.venv" CMAKE_PREFIX_PATH="$root/.venv" \
+    build_packages "${changed[@]}"
+  for package in "${changed[@]}"; do
+    sources "ros2_ws/src/$package/" | stamp >"ros2_ws/install/$package/.built"
+  done
+}
+
+build_packages() {
+  local log=ros2_ws/log/set-up.txt
+  mkdir -p ros2_ws/log
+  # The venv is no colcon workspace, which colcon remarks on; what it says is shown if it fails.
+  if ! (cd ros2_ws && colcon build --symlink-install --packages-select "$@") >"$log" 2>&1; then
+    cat "$log" >&2
+    echo "set-up: the build failed, see above (also in $log)" >&2
+    exit 1
+  fi
+  grep -A3 'warning: build_ext' "$log" || true
+}
+
+# A sourced ROS installation or another venv must not leak into this one.
+unset PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH \
+  _ROS_WHEELS_BOOTSTRAP_COMPLETE
+make_venv
+install_wheels requirements.txt
+[ "${1:-}" = --dev ] && install_wheels requirements-dev.txt
+build_workspace
