@@ -68,7 +68,7 @@ def main() -> None:
     everything = pin(pythons, sources, known)
     # A package that only some interpreters need at run time may be needed by all of them here.
     development = {name: line for name, line in everything.items() if line != run_time.get(name)}
-    for source, lines in zip(sources, (run_time, development)):
+    for source, lines in zip(sources, (run_time, development), strict=True):
         text = HEADER.format(source=source.name) + ''.join(lines.values())
         source.with_suffix('.txt').write_text(text)
 

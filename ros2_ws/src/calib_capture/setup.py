@@ -29,7 +29,7 @@ setup(
     zip_safe=False,
     maintainer='Calibration maintainers',
     maintainer_email='calibration@example.com',
-    description='Drives the arm around the spheres of the ball bar, pairs joints with probe readings and records the bag',
+    description='Moves the arm around the ball bar, pairs joints with readings, records the bag',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
