@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The arm as a Pinocchio model, made from its Denavit-Hartenberg description."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio
+
+from calib_model.arm import Arm, Joint
+from calib_model.rotation import Array
+
+
+class PinocchioArm:
+    """One revolute joint about z (or -z) per row of the description, the flange as a frame.
+
+    A_i = Tz(d) Rz(theta) Tx(a) Rx(alpha) Ry(beta) is split at the joint: what turns with q is
+    Rz(direction * q), everything after it is the constant placement of the next joint.
+    """
+
+    def __init__(self, arm: Arm) -> None:
+        self.arm = arm
+        self.model = pinocchio.Model()
+        self.model.name = arm.name
+        parent, placement = 0, pinocchio.SE3.Identity()
+        for joint in arm.joints:
+            parent = self._add_joint(joint, parent, placement)
+            placement = _after_joint(joint)
+        flange = pinocchio.Frame(
+            arm.flange_frame, parent, placement, pinocchio.FrameType.OP_FRAME
+        )
+        self.flange_frame = self.model.addFrame(flange)
+        self.data = self.model.createData()
+
+    def _add_joint(self, joint: Joint, parent: int, placement: pinocchio.SE3) -> int:
+        axis = np.array([0.0, 0.0, float(joint.direction)])
+        lower, upper = joint.limits
+        index: int = self.model.addJoint(
+            parent, pinocchio.JointModelRevoluteUnaligned(axis), placement, joint.name,
+            np.array([np.inf]), np.array([joint.velocity]), np.array([lower]), np.array([upper]),
+        )  # fmt: skip
+        return index
+
+    def flange_pose(self, q: Array) -> Array:
+        """`T_base_flange` (4, 4) of one posture q (n,), m."""
+        pinocchio.framesForwardKinematics(self.model, self.data, np.asarray(q, dtype=np.float64))
+        pose: Array = self.data.oMf[self.flange_frame].homogeneous.copy()
+        return pose
+
+    def flange_jacobian(self, q: Array) -> Array:
+        """The flange's velocity (6, n) per joint speed, axes of the base: linear, then angular."""
+        jacobian: Array = pinocchio.computeFrameJacobian(
+            self.model, self.data, np.asarray(q, dtype=np.float64), self.flange_frame,
+            pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED,
+        )  # fmt: skip
+        return jacobian
+
+
+def _after_joint(joint: Joint) -> pinocchio.SE3:
+    """What follows the turning part: Rz(-theta_0) Tz(d) Tx(a) Rx(alpha) Ry(beta)."""
+    turned = pinocchio.SE3(pinocchio.utils.rotate('z', -joint.theta_0), np.zeros(3))
+    moved = pinocchio.SE3(np.eye(3), np.array([joint.a, 0.0, joint.d]))
+    tilted = pinocchio.utils.rotate('x', joint.alpha) @ pinocchio.utils.rotate('y', joint.beta)
+    return turned * moved * pinocchio.SE3(tilted, np.zeros(3))

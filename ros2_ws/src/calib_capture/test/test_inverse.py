@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calib_capture.inverse import InverseError, InverseKinematics
+from calib_model.kinematics import forward
+
+pytestmark = pytest.mark.timeout(60)
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def angle_between(first, second):
+    return np.abs((first - second + np.pi) % (2 * np.pi) - np.pi)
+
+
+@settings(max_examples=200, deadline=None)
+@given(seed=SEEDS)
+def test_the_posture_itself_is_among_the_branches(seed, kr5):
+    arm = kr5
+    q = np.random.default_rng(seed).uniform(*arm.limits.T)
+    found = InverseKinematics(arm).branches(forward(arm, q)[0])
+    assert angle_between(found, q).max(axis=1).min() < 1e-6
+    assert np.abs(forward(arm, found) - forward(arm, q)).max() < 1e-9
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=SEEDS)
+def test_within_limits_gives_the_posture_itself_with_its_full_turns(seed, kr5):
+    arm = kr5
+    q = np.random.default_rng(seed).uniform(*arm.limits.T)
+    inverse = InverseKinematics(arm)
+    found = inverse.within_limits(inverse.branches(forward(arm, q)[0]))
+    assert np.abs(found - q).max(axis=1).min() < 1e-6
+    assert arm.within_limits(found).all()
+
+
+def test_full_turns_are_offered_where_the_range_has_room(kr5):
+    arm = kr5
+    inverse = InverseKinematics(arm)
+    q = np.radians([[10.0, 20.0, -40.0, 175.0, 30.0, 20.0]])
+    found = np.degrees(inverse.within_limits(q))
+    assert sorted(set(found[:, 3].round(6))) == [-185.0, 175.0]
+    assert sorted(set(found[:, 5].round(6))) == [-340.0, 20.0]
+    assert len(found) == 4
+
+
+def test_a_branch_outside_its_limits_is_dropped(kr5):
+    found = InverseKinematics(kr5).within_limits(np.radians([[175.0, 0, 0, 0, 0, 0]]))
+    assert found.shape == (0, 6)
+
+
+def test_out_of_reach_has_no_branch(kr5):
+    pose = np.eye(4)
+    pose[:3, 3] = [2.0, 0.0, 0.5]
+    assert len(InverseKinematics(kr5).branches(pose)) == 0
+
+
+def test_a_regular_pose_of_the_kr5_has_eight_branches(kr5):
+    pose = forward(kr5, np.radians([4.0, 33.0, -168.0, -9.5, 45.0, 125.0]))[0]
+    assert len(InverseKinematics(kr5).branches(pose)) == 8
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=SEEDS)
+def test_offsets_and_directions_of_the_joints_are_applied(seed, kr5):
+    rng = np.random.default_rng(seed)
+    plain = kr5
+    geometry = plain.geometry.copy()
+    geometry[3] += rng.uniform(-1, 1, 6)
+    joints = [type(j)(**{**vars(j), 'direction': int(rng.integers(0, 2)) * 2 - 1})
+              for j in plain.with_geometry(geometry).joints]  # fmt: skip
+    arm = type(plain)(plain.name, tuple(joints))
+    q = rng.uniform(-1.5, 1.5, 6)
+    found = InverseKinematics(arm).branches(forward(arm, q)[0])
+    assert angle_between(found, q).max(axis=1).min() < 1e-6
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=SEEDS)
+def test_seven_joints_are_solved_for_a_given_redundant_joint(seed, iiwa14):
+    arm = iiwa14
+    q = np.random.default_rng(seed).uniform(*arm.limits.T)
+    inverse = InverseKinematics(arm)
+    found = inverse.branches(forward(arm, q)[0], q[2])
+    assert angle_between(found, q).max(axis=1).min() < 1e-6
+    assert np.abs(forward(arm, found) - forward(arm, q)).max() < 1e-9
+
+
+def test_an_identified_arm_is_refused_with_a_line(kr5):
+    arm = kr5
+    off = arm.with_geometry(arm.geometry + 1e-3)
+    with pytest.raises(InverseError, match='beta'):
+        InverseKinematics(off)
+    geometry = arm.geometry.copy()
+    geometry[:4] += np.random.default_rng(0).normal(scale=1e-3, size=(4, 6))
+    with pytest.raises(InverseError, match='no closed form'):
+        InverseKinematics(arm.with_geometry(geometry))
