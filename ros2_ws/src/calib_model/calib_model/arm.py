@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -73,7 +74,7 @@ class Arm:
         """The same arm with other D-H values: rows a, alpha, d, theta_0, beta, shape (5, n)."""
         joints = []
         for joint, column in zip(self.joints, np.asarray(geometry).T, strict=True):
-            values = dict(zip(JOINT_PARAMETERS, map(float, column), strict=True))
+            values: dict[str, Any] = dict(zip(JOINT_PARAMETERS, map(float, column), strict=True))
             joints.append(replace(joint, **values))
         return replace(self, joints=tuple(joints))
 

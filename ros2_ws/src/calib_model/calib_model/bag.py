@@ -60,9 +60,7 @@ def read_measurement(
         else:
             texts[message.topic] = content.data
 
-    def described(topic: Topic, parse: Callable[[str, str], T], given: T | None) -> T:
-        if given is not None:
-            return given
+    def described(topic: Topic, parse: Callable[[str, str], T]) -> T:
         if topic.name not in texts:
             raise BagError(f'{path}: the bag has no topic {topic.name}')
         return parse(texts[topic.name], f'{path}: {topic.name}')
@@ -70,9 +68,9 @@ def read_measurement(
     if not poses:
         raise BagError(f'{path}: the bag has no messages on {CAPTURE_POSES.name}')
     measured = Measurement(
-        described(ARM_DESCRIPTION, parse_arm, arm),
-        described(PROBE_DESCRIPTION, parse_probe, probe),
-        described(GAUGE_DESCRIPTION, parse_gauge, gauge),
+        arm or described(ARM_DESCRIPTION, parse_arm),
+        probe or described(PROBE_DESCRIPTION, parse_probe),
+        gauge or described(GAUGE_DESCRIPTION, parse_gauge),
         _probing_set(path, poses),
         str(path),
     )

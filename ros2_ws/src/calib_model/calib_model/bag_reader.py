@@ -10,29 +10,34 @@ from pathlib import Path
 
 import yaml
 import zstandard
-from mcap.exceptions import McapError
-from mcap.records import Channel, Footer, Message, Schema
+from mcap.exceptions import EndOfFile, McapError
+from mcap.records import Channel, Footer, Message, Schema, Statistics
 from mcap.stream_reader import StreamReader
 
 from calib_model.errors import BagError
 
-# what a damaged file makes the reader and its decompressors raise
+# what a damaged file makes the reader and its decompressors raise; a wrong size asks for memory
 _DAMAGE = (
     McapError, struct.error, ValueError, KeyError, EOFError, OverflowError, RuntimeError,
-    zstandard.ZstdError,
+    MemoryError, zstandard.ZstdError,
 )  # fmt: skip
 LARGEST_RECORD = 1 << 30
+MAGIC = b'\x89MCAP0\r\n'
 
 
 @dataclass(frozen=True)
 class BagMessage:
-    """One message as recorded; times in ns, `data` CDR with its 4-byte header."""
+    """One message as recorded; times in ns, `data` CDR with its 4-byte header.
+
+    `offered_qos` is the channel's `offered_qos_profiles`, YAML text, empty where not recorded.
+    """
 
     topic: str
     type: str
     log_time: int
     publish_time: int
     data: bytes
+    offered_qos: str = ''
 
 
 def bag_files(path: str | Path) -> list[Path]:
@@ -83,8 +88,8 @@ def read_messages(
 
 def _read_file(file: Path, topics: set[str] | None, cut_allowed: bool) -> Iterator[BagMessage]:
     schemas: dict[int, Schema] = {}
-    channels: dict[int, tuple[str, str]] = {}
-    finished = False
+    channels: dict[int, tuple[str, str, str]] = {}
+    count, finished = 0, False
     try:
         with file.open('rb') as stream:
             reader = StreamReader(stream, validate_crcs=True, record_size_limit=LARGEST_RECORD)
@@ -92,13 +97,17 @@ def _read_file(file: Path, topics: set[str] | None, cut_allowed: bool) -> Iterat
                 if isinstance(record, Schema):
                     schemas[record.id] = record
                 elif isinstance(record, Channel):
-                    channels[record.id] = (record.topic, _type_name(file, record, schemas))
+                    channels[record.id] = _described(file, record, schemas)
                 elif isinstance(record, Message):
-                    topic, type_name = channels[record.channel_id]
+                    count += 1
+                    topic, kind, qos = channels[record.channel_id]
                     if topics is None or topic in topics:
-                        yield BagMessage(
-                            topic, type_name, record.log_time, record.publish_time, record.data
-                        )
+                        times = (record.log_time, record.publish_time)
+                        yield BagMessage(topic, kind, *times, record.data, qos)
+                elif isinstance(record, Statistics) and record.message_count != count:
+                    raise BagError(
+                        f'{file}: damaged: {count} of {record.message_count} messages are left'
+                    )
                 elif isinstance(record, Footer):
                     finished = True
     except OSError as error:
@@ -108,17 +117,23 @@ def _read_file(file: Path, topics: set[str] | None, cut_allowed: bool) -> Iterat
             return
         if not channels and not schemas:
             raise BagError(f'{file}: not an MCAP bag, or cut before its first chunk') from error
-        if not cut_allowed or not _is_cut(error):
+        if not (cut_allowed and isinstance(error, EndOfFile | struct.error) and _lacks_end(file)):
             raise BagError(f'{file}: damaged: {error or type(error).__name__}') from error
 
 
-def _is_cut(error: BaseException) -> bool:
-    """Whether the file merely ends too early."""
-    return type(error).__name__ == 'EndOfFile'
+def _lacks_end(file: Path) -> bool:
+    """Whether the file was cut; one that has its end and yet runs out has a wrong length in it."""
+    with file.open('rb') as stream:
+        stream.seek(max(0, file.stat().st_size - len(MAGIC)))
+        return stream.read() != MAGIC
 
 
-def _type_name(file: Path, channel: Channel, schemas: dict[int, Schema]) -> str:
+def _described(
+    file: Path, channel: Channel, schemas: dict[int, Schema]
+) -> tuple[str, str, str]:
+    """A channel's topic, type and offered QoS."""
     if channel.message_encoding != 'cdr':
         raise BagError(f'{file}: topic {channel.topic} is encoded as {channel.message_encoding!r}')
     schema = schemas.get(channel.schema_id)
-    return schema.name if schema is not None else ''
+    qos = channel.metadata.get('offered_qos_profiles', '')
+    return channel.topic, schema.name if schema is not None else '', qos

@@ -7,6 +7,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -65,8 +66,8 @@ def decode(type_name: str, data: bytes) -> Any:
     """
     try:
         return typestore().deserialize_cdr(data, type_name)
-    except Exception as error:  # the generated decoders raise what the damage leads them to
-        raise ValueError(f'not a {type_name}: {type(error).__name__}') from error
+    except SerdeError as error:  # with it rosbags wraps struct, Unicode and value errors
+        raise ValueError(f'not a {type_name}: {error}') from error
 
 
 def encode(message: Any) -> bytes:

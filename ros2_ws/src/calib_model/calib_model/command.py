@@ -3,14 +3,37 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
 from collections.abc import Callable
+from typing import NoReturn
 
 from calib_model.errors import CalibrationError
 
 BAD_INPUT = 2
 INTERRUPTED = 130
+
+
+class UsageError(CalibrationError):
+    """Arguments that a command does not take."""
+
+
+class CommandParser(argparse.ArgumentParser):
+    """Arguments of a command; wrong ones are a UsageError, so one line and not argparse's three.
+
+    `description` and `epilog` (the example) keep their line breaks. Parse within `run_command`.
+    """
+
+    def __init__(self, prog: str, description: str, epilog: str) -> None:
+        super().__init__(
+            prog=prog, description=description, epilog=epilog, allow_abbrev=False,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )  # fmt: skip
+
+    def error(self, message: str) -> NoReturn:
+        """Raise the UsageError."""
+        raise UsageError(f'{self.prog}: {message} (--help says more)')
 
 
 def run_command(work: Callable[[], int | None]) -> int:

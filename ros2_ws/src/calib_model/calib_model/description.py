@@ -121,7 +121,7 @@ def parse_gauge(text: str, source: str = 'gauge description') -> Gauge:
     diameter = top.number('sphere_diameter')
     if not diameter > 0:
         raise top.refuse('sphere_diameter', 'expected a diameter above zero')
-    spheres = []
+    spheres: list[tuple[int, tuple[float, float, float]]] = []
     for row in top.rows('spheres', ('number', 'center')):
         number = row.number('number')
         if number != int(number) or not 0 <= number <= 65535:
@@ -201,5 +201,7 @@ _Dumper.add_representer(float, _float)
 
 
 def _dump(value: dict[str, Any]) -> str:
-    text: str = yaml.dump(value, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=100)
+    text: str = yaml.dump(
+        value, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=100
+    )
     return text

@@ -132,5 +132,7 @@ class Fields:
 
 
 def _kind(value: Any) -> str:
-    names = {dict: 'a mapping', list: 'a list', str: 'text', bool: 'true/false', type(None): 'nothing'}
+    names = {
+        dict: 'a mapping', list: 'a list', str: 'text', bool: 'true/false', type(None): 'nothing'
+    }  # fmt: skip
     return names.get(type(value), f'{value!r:.40}')

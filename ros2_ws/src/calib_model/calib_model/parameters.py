@@ -97,7 +97,8 @@ class ParameterTable:
         """
         columns = [i for i, name in enumerate(self.names) if fnmatchcase(name, pattern)]
         if not columns:
-            raise DataError(f'no parameter is called {pattern!r} (there are {", ".join(self.names)})')
+            known = ', '.join(self.names)
+            raise DataError(f'no parameter is called {pattern!r} (there are {known})')
         return columns
 
     def frozen_at(self, columns: Iterable[int], reason: str) -> ParameterTable:

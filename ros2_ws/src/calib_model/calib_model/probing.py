@@ -102,7 +102,9 @@ class Measurement:
                 f'the arm {self.arm.name} has {self.arm.n} joints'
             )
         self._refuse(~np.isfinite(poses.joints).all(axis=1), 'has a joint that is not finite')
-        self._refuse(~np.isfinite(poses.displacement).all(axis=1), 'has a reading that is no number')
+        self._refuse(
+            ~np.isfinite(poses.displacement).all(axis=1), 'has a reading that is no number'
+        )
         unknown = ~np.isin(poses.sphere, self.gauge.numbers)
         self._refuse(unknown, f'names a sphere that {self.gauge.name} does not have')
         self.centers()
@@ -119,7 +121,7 @@ class Measurement:
         except ContactError as error:
             raise DataError(f'{self.source}: {error}') from error
 
-    def _refuse(self, bad: NDArray[np.bool_], problem: str) -> None:
+    def _refuse(self, bad: NDArray[np.bool_] | np.bool_, problem: str) -> None:
         if bad.any():
             row = int(np.argmax(bad))
             place = f'location {self.poses.location[row]}, sphere {self.poses.sphere[row]}'
