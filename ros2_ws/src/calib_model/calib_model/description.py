@@ -197,7 +197,7 @@ def _float(dumper: yaml.SafeDumper, value: float) -> yaml.ScalarNode:
     return yaml.SafeDumper.represent_float(dumper, float(value))
 
 
-_Dumper.add_representer(float, _float)
+_Dumper.add_multi_representer(float, _float)  # numpy floats are floats too
 
 
 def _dump(value: dict[str, Any]) -> str:

@@ -135,9 +135,7 @@ class ActiveProbe:
 Probe = ActiveProbe | PassiveProbe
 
 
-def _refuse_rows(
-    bad: np.ndarray[tuple[int, ...], np.dtype[np.bool_]], problem: str
-) -> None:
+def _refuse_rows(bad: np.ndarray[tuple[int, ...], np.dtype[np.bool_]], problem: str) -> None:
     if bad.any():
         raise ContactError(f'{problem} (reading {int(np.argmax(bad)) + 1} of {len(bad)})')
 

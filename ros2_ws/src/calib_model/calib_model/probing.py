@@ -134,5 +134,3 @@ def group_by_sphere(
     """The probed spheres, sorted: keys (S, 2) of location and sphere, and each pose's row (N,)."""
     keys, row = np.unique(np.stack([location, sphere], axis=1), axis=0, return_inverse=True)
     return keys, row.reshape(-1)
-
-

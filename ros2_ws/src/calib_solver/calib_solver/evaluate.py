@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`ros2 run calib_solver evaluate`: the quality of a set of parameters on bags, as JSON."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+
+from calib_model.command import run_command
+from calib_solver.loading import Sources, load
+from calib_solver.problem import Problem
+from calib_solver.quality import assess
+from calib_solver.result import Record, quality_record, sphere_records
+
+EXAMPLE = """example:
+  ros2 run calib_solver evaluate bags/demo_test --arm output/demo/arm.yaml
+"""
+
+
+def arguments() -> argparse.ArgumentParser:
+    """The command line of `evaluate`."""
+    parser = argparse.ArgumentParser(
+        prog='evaluate',
+        description='Distance errors and 2 sigma of probing poses under given parameters; '
+        'JSON on stdout, SI units.',
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('bag', nargs='+', metavar='BAG', help='bag folder or .mcap file')
+    parser.add_argument('--arm', default='', metavar='YAML', help="this arm, not the bag's")
+    parser.add_argument('--probe', default='', metavar='YAML', help="this probe, not the bag's")
+    parser.add_argument(
+        '--gauge', default='', metavar='YAML', help="this certificate, not the bag's"
+    )
+    return parser
+
+
+def evaluation_record(sources: Sources) -> Record:
+    """Q of the contract at the top level, and the probed spheres.
+
+    Raises:
+        CalibrationError: a bag or a description cannot be used.
+    """
+    measured = load(sources)
+    quality = assess(Problem.of(measured), measured.arm, measured.probe)
+    return {**quality_record(quality), 'spheres': sphere_records(quality.spheres)}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point: exit code 0, or 2 and one line on stderr."""
+
+    def work() -> None:
+        given = arguments().parse_args(argv)
+        sources = Sources(tuple(given.bag), given.arm, given.probe, given.gauge)
+        print(json.dumps(evaluation_record(sources), indent=1, allow_nan=False))
+
+    return run_command(work)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

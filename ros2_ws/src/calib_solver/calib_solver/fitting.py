@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Eq. 15 from bags: what `/fit_probe` does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from calib_model.bag_writer import write_whole
+from calib_model.description import probe_yaml
+from calib_model.errors import CalibrationError
+from calib_solver.loading import Sources, load
+from calib_solver.probe_fit import fit_probe
+from calib_solver.problem import Problem
+from calib_solver.quality import assess
+from calib_solver.result import Record, probe_fit_record, sphere_records, transform_record
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """The fit as a record, a sentence about it, and the files written."""
+
+    record: Record
+    verdict: str
+    written: tuple[Path, ...]
+
+
+def fit_from(sources: Sources, output: str = '') -> Fitted:
+    """Fit P by eq. 15 and, when `output` names a folder, write `probe.yaml` there.
+
+    Raises:
+        CalibrationError: the bag cannot be used, the readings leave P undetermined, or the file
+            cannot be written.
+    """
+    measured = load(sources)
+    problem = Problem.of(measured)
+    fit = fit_probe(problem)
+    probe = measured.probe.mounted(fit.flange_T_probe)
+    record: Record = {
+        'flange_T_probe': transform_record(fit.flange_T_probe),
+        'standard_uncertainty': fit.standard_uncertainty.tolist(),
+        'spheres': sphere_records(assess(problem, measured.arm, probe).spheres),
+        'probe_fit': probe_fit_record(fit),
+    }
+    written: tuple[Path, ...] = ()
+    if output:
+        path = Path(output) / 'probe.yaml'
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(path, probe_yaml(probe))
+        except OSError as error:
+            raise CalibrationError(f'{output}: cannot be written: {error.strerror}') from error
+        written = (path,)
+    verdict = (
+        f'P from {fit.poses} poses of {fit.spheres} spheres, '
+        f'residual {fit.residual_rms * 1e3:.4f} mm rms'
+    )
+    return Fitted(record, verdict, written)

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`ros2 run calib_solver identify`: D-H identification (eq. 11) from bags, without a graph."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from calib_model.command import run_command
+from calib_solver.identification import Options
+from calib_solver.loading import Calibration, Sources, calibrate
+from calib_solver.objectives import OBJECTIVES
+from calib_solver.prior import chosen_prior
+from calib_solver.summary import summary
+
+EXAMPLE = """example:
+  ros2 run calib_solver identify bags/demo --test bags/demo_test --output output/demo
+"""
+
+
+def arguments() -> argparse.ArgumentParser:
+    """The command line of `identify`."""
+    parser = argparse.ArgumentParser(
+        prog='identify',
+        description='Identify the Denavit-Hartenberg parameters of an arm, and where the probe '
+        'sits on its flange, from bags of probing poses.',
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        'bag',
+        nargs='+',
+        metavar='BAG',
+        help='bag folder or .mcap file; several are one calibration',
+    )
+    parser.add_argument(
+        '--output',
+        metavar='DIR',
+        default='',
+        help='write result.json, arm.yaml, probe.yaml, arm.urdf there',
+    )
+    parser.add_argument(
+        '--objective',
+        default='distance_repeatability',
+        metavar='NAME',
+        help=f'one of {", ".join(OBJECTIVES)} (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--test',
+        action='append',
+        nargs='+',
+        default=[],
+        metavar='BAG',
+        help='held-out bags to judge by',
+    )
+    parser.add_argument(
+        '--arm', default='', metavar='YAML', help="start from this arm, not the bag's"
+    )
+    parser.add_argument(
+        '--probe', default='', metavar='YAML', help="start from this probe, not the bag's"
+    )
+    parser.add_argument(
+        '--gauge', default='', metavar='YAML', help="use this certificate, not the bag's"
+    )
+    parser.add_argument(
+        '--fix',
+        action='append',
+        default=[],
+        metavar='PATTERN',
+        help="hold these parameters, as in --fix 'd*'",
+    )
+    parser.add_argument(
+        '--free',
+        action='append',
+        default=[],
+        metavar='PATTERN',
+        help='identify these parameters all the same',
+    )
+    parser.add_argument(
+        '--prior',
+        default='',
+        metavar='CHOICE',
+        help='none, a strength (default 10), or a YAML file of standard deviations',
+    )
+    return parser
+
+
+def run(argv: Sequence[str] | None = None) -> Calibration:
+    """Parse a command line and calibrate.
+
+    Raises:
+        CalibrationError: anything that keeps it from being done.
+    """
+    given = arguments().parse_args(argv)
+    options = Options(
+        given.objective, tuple(given.fix), tuple(given.free), chosen_prior(given.prior)
+    )
+    sources = Sources(tuple(given.bag), given.arm, given.probe, given.gauge)
+    test = [bag for group in given.test for bag in group]
+    return calibrate(sources, options, test, given.output)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point: exit code 0, or 2 and one line on stderr."""
+    return run_command(lambda: print(summary(run(argv))))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

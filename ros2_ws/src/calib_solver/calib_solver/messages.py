@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Result records as the typed fields of calib_interfaces' service answers."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from calib_interfaces.msg import (
+    DistanceQuality,
+    IdentifiedParameter,
+    PositionQuality,
+    ProbedSphere,
+    ProbeFitReport,
+    Quality,
+    RigidTransform,
+    SolverReport,
+    TwoSigmaQuality,
+)
+
+from calib_solver.result import Record
+
+
+def filled(message: Any, record: Record) -> Any:
+    """`message` with the values of a record of the same names.
+
+    What a record says with null becomes NaN in a float field, and stays at the field's default in
+    the others.
+    """
+    for name, kind in message.get_fields_and_field_types().items():
+        if name not in record:
+            continue
+        value = record[name]
+        if value is None:
+            if kind in ('double', 'float'):
+                setattr(message, name, math.nan)
+        elif isinstance(value, list):
+            setattr(message, name, [math.nan if item is None else item for item in value])
+        else:
+            setattr(message, name, value)
+    return message
+
+
+def quality(record: Record) -> Quality:
+    """Q of the contract."""
+    return Quality(
+        phi=record['phi'],
+        distance=filled(DistanceQuality(), record['distance']),
+        two_sigma=filled(TwoSigmaQuality(), record['two_sigma']),
+        position=filled(PositionQuality(), record['position']),
+    )
+
+
+def spheres(records: list[Record]) -> list[ProbedSphere]:
+    """The probed spheres."""
+    return [filled(ProbedSphere(), record) for record in records]
+
+
+def parameters(records: list[Record]) -> list[IdentifiedParameter]:
+    """The parameters; an unknown uncertainty is NaN."""
+    return [filled(IdentifiedParameter(), record) for record in records]
+
+
+def transform(record: Record) -> RigidTransform:
+    """A rigid transform, m and rad."""
+    return filled(RigidTransform(), record)
+
+
+def solver(record: Record) -> SolverReport:
+    """How the iteration went."""
+    return filled(SolverReport(), record)
+
+
+def probe_fit(record: Record) -> ProbeFitReport:
+    """Eq. 15's account of itself."""
+    return filled(ProbeFitReport(), record)

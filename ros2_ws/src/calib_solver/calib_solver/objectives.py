@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The objectives as least-squares problems on the sums per sphere: eqs. 10, 11 and 13.
+
+Each gives phi, half its gradient J'r and J'J by the free parameters, so that one
+Levenberg-Marquardt serves all. Spheres with a single pose have no repeatability term, locations
+with a single sphere no distance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib_model.errors import DataError
+from calib_model.rotation import Array
+from calib_solver.placing import place_gauge
+from calib_solver.problem import Problem
+from calib_solver.sums import SphereSums
+
+
+@dataclass(frozen=True)
+class Quadratic:
+    """phi (m^2) with J'r (F,) and J'J (F, F), and how many residuals `terms` it rests on."""
+
+    phi: float
+    gradient: Array
+    normal: Array
+    terms: float
+
+    def __add__(self, other: Quadratic) -> Quadratic:
+        return Quadratic(
+            self.phi + other.phi,
+            self.gradient + other.gradient,
+            self.normal + other.normal,
+            self.terms + other.terms,
+        )
+
+
+def distance_errors(problem: Problem, sums: SphereSums) -> tuple[Array, Array]:
+    """D - D0 (M,) in m for every certified distance, and its Jacobian (M, F): eqs. 5 to 7."""
+    first, second = problem.pairs.T
+    between = sums.center[first] - sums.center[second]
+    measured = np.linalg.norm(between, axis=1)
+    unit = between / np.maximum(measured, 1e-300)[:, None]
+    slope = np.einsum('mk,mkf->mf', unit, sums.jacobian[first] - sums.jacobian[second])
+    return measured - problem.nominal, slope
+
+
+def distance(problem: Problem, sums: SphereSums) -> Quadratic:
+    """Eq. 13: the squared distance errors alone."""
+    error, slope = distance_errors(problem, sums)
+    return Quadratic(float(error @ error), slope.T @ error, slope.T @ slope, len(error))
+
+
+def repeatability_weights(sums: SphereSums) -> Array:
+    """4 / (n - 1) per sphere (S,), 0 for a sphere with a single pose: eq. 8's factor, squared."""
+    many = sums.count > 1 + 1e-9
+    return np.where(many, 4.0 / np.where(many, sums.count - 1, 1.0), 0.0)
+
+
+def repeatability(problem: Problem, sums: SphereSums) -> Quadratic:
+    """The (2 sigma)^2 terms of eq. 11.
+
+    One residual (x - mean) 2 / sqrt(n - 1) per pose and coordinate has the same sum of squares
+    as one 2 sigma per sphere and coordinate, but no square root that stalls near zero.
+    """
+    weight = repeatability_weights(sums)
+    return Quadratic(
+        float(weight @ sums.spread.sum(axis=1)),
+        weight @ sums.gradient,
+        np.einsum('s,sfg->fg', weight, sums.normal),
+        float(3 * np.maximum(sums.count - 1, 0).sum()),
+    )
+
+
+def distance_repeatability(problem: Problem, sums: SphereSums) -> Quadratic:
+    """Eq. 11: distance errors and twice the standard deviations together."""
+    return distance(problem, sums) + repeatability(problem, sums)
+
+
+def position(problem: Problem, sums: SphereSums) -> Quadratic:
+    """Eq. 10: squared distances to the certificate's points, each location's placement free.
+
+    The placements are eliminated: at the best one, what a rigid motion of the gauge could still
+    take up is projected out of the Jacobian (variable projection).
+    """
+    free = sums.gradient.shape[1]
+    total = Quadratic(
+        float(sums.spread.sum()), sums.gradient.sum(axis=0), sums.normal.sum(axis=0),
+        float(3 * np.maximum(sums.count - 1, 0).sum()),
+    )  # fmt: skip
+    gauge = problem.measured.gauge
+    for rows in problem.locations:
+        certified = np.array([gauge.center(int(number)) for number in problem.keys[rows, 1]])
+        weight = np.sqrt(sums.count[rows])
+        placed = place_gauge(certified, sums.center[rows], sums.count[rows])
+        residual: Array = (weight[:, None] * (sums.center[rows] - placed.points)).reshape(-1)
+        slope: Array = (weight[:, None, None] * sums.jacobian[rows]).reshape(-1, free)
+        motion = (weight[:, None, None] * placed.motion).reshape(-1, 6)
+        u, values, _ = np.linalg.svd(motion, full_matrices=False)
+        basis = u[:, values > 1e-9 * max(values[0], 1e-300)]
+        residual = residual - basis @ (basis.T @ residual)
+        slope = slope - basis @ (basis.T @ slope)
+        terms = max(len(residual) - basis.shape[1], 0)
+        total += Quadratic(float(residual @ residual), slope.T @ residual, slope.T @ slope, terms)
+    return total
+
+
+Objective = Callable[[Problem, SphereSums], Quadratic]
+OBJECTIVES: dict[str, Objective] = {
+    'distance_repeatability': distance_repeatability,
+    'distance': distance,
+    'position': position,
+}
+
+
+def objective(name: str) -> Objective:
+    """The objective of a name.
+
+    Raises:
+        DataError: there is none; the message lists those there are.
+    """
+    if name not in OBJECTIVES:
+        raise DataError(f'no objective {name!r}: expected one of {", ".join(OBJECTIVES)}')
+    return OBJECTIVES[name]

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is known of the parameters before any probing: a Gaussian about the nominal values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib_model.description import read_description
+from calib_model.errors import DescriptionError
+from calib_model.fields import load_mapping
+from calib_model.parameters import ParameterTable
+from calib_model.rotation import Array
+
+#: standard deviations by kind of parameter, m and rad: what a machined, assembled and mastered
+#: industrial arm keeps to; a probe's mount is known to a few centimetres and degrees at best
+DEFAULT_SIGMA: dict[str, float] = {
+    'a': 5e-4,
+    'alpha': 1e-3,
+    'd': 5e-4,
+    'theta_0': 2e-3,
+    'beta': 1e-3,
+    'probe_translation': 5e-2,
+    'probe_rotation': 2e-1,
+}
+
+
+#: what a real arm's model leaves unsaid is alike in neighbouring postures, so this many poses
+#: tell as much as one with an error of its own would
+DEFAULT_STRENGTH = 10.0
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Standard deviations by kind of parameter (m or rad).
+
+    `strength` multiplies the prior's weight against the residuals' mean square; 0 is no prior.
+    """
+
+    sigma: Mapping[str, float]
+    strength: float = DEFAULT_STRENGTH
+
+    def sigmas(self, table: ParameterTable) -> Array:
+        """The standard deviation of every free parameter, shape (F,)."""
+        return np.array([self.sigma[parameter.kind] for parameter in table.free])
+
+    def information(self, table: ParameterTable) -> Array:
+        """strength / sigma^2 of every free parameter, shape (F,)."""
+        information: Array = self.strength / self.sigmas(table) ** 2
+        return information
+
+
+DEFAULT_PRIOR = Prior(DEFAULT_SIGMA)
+NO_PRIOR = Prior(DEFAULT_SIGMA, 0.0)
+
+
+def parse_prior(text: str, source: str = 'prior') -> Prior:
+    """A prior from YAML text: `sigma: {a: 0.001, alpha: 0.002, ...}`, `strength: 10.0`.
+
+    Kinds that are left out keep their default.
+
+    Raises:
+        DescriptionError: an unknown kind, or a value that is no positive number.
+    """
+    top = load_mapping(text, source, ('sigma', 'strength'))
+    sigma = dict(DEFAULT_SIGMA)
+    if 'sigma' in top:
+        given = top.mapping('sigma', tuple(DEFAULT_SIGMA))
+        for kind in given.content:
+            if kind not in DEFAULT_SIGMA:
+                known = ', '.join(DEFAULT_SIGMA)
+                raise DescriptionError(source, f'sigma.{kind}', f'unknown kind (known: {known})')
+            sigma[kind] = given.number(kind)
+            if not sigma[kind] > 0:
+                raise given.refuse(kind, 'expected a standard deviation above zero')
+    strength = top.number('strength', DEFAULT_STRENGTH)
+    if strength < 0:
+        raise top.refuse('strength', 'expected zero or more')
+    return Prior(sigma, strength)
+
+
+def chosen_prior(choice: str) -> Prior:
+    """The prior of a command's option: '' or 'default', 'none', a strength, or a file.
+
+    Raises:
+        DescriptionError: a file that cannot be read or used.
+    """
+    if choice in ('', 'default'):
+        return DEFAULT_PRIOR
+    if choice == 'none':
+        return NO_PRIOR
+    try:
+        strength = float(choice)
+    except ValueError:
+        return read_description(Path(choice), parse_prior)
+    if not (np.isfinite(strength) and strength >= 0):
+        raise DescriptionError('prior', choice, 'expected a strength of zero or more')
+    return Prior(DEFAULT_SIGMA, strength)

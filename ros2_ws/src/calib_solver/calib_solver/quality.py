@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How good a set of parameters is on a set of poses: the chapter's Fig. 6, and contract's Q."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib_model.arm import Arm
+from calib_model.kinematics import points
+from calib_model.probe import Probe
+from calib_model.rotation import Array
+from calib_solver.placing import place_gauge
+from calib_solver.problem import IntArray, Problem
+
+COORDINATES = ('x', 'y', 'z')
+
+
+@dataclass(frozen=True)
+class ProbedSpheres:
+    """S probed spheres: `keys` (S, 2) location and sphere, `poses` (S,), `center` (S, 3) in m,
+    `two_sigma` (S, 3) in m (eq. 8; NaN where there is a single pose)."""
+
+    keys: IntArray
+    poses: IntArray
+    center: Array
+    two_sigma: Array
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Distance errors `distance` (M,) of eq. 7 for `pairs` (M, 2) rows of `spheres.keys`, and
+    `position` (N,): each pose's distance to the certificate after a best-fit placement; in m."""
+
+    spheres: ProbedSpheres
+    pairs: IntArray
+    distance: Array
+    position: Array
+
+    @property
+    def phi(self) -> float:
+        """Eq. 11 as the chapter counts it, m^2."""
+        known = self.spheres.two_sigma[np.isfinite(self.spheres.two_sigma)]
+        return float(self.distance @ self.distance + known @ known)
+
+
+def probed_points(problem: Problem, arm: Arm, probe: Probe) -> Array:
+    """`p_base` (N, 3) of every pose, in the problem's order, m: eq. 14."""
+    return points(arm, problem.joints, probe.flange_T_probe.apply(problem.centers))
+
+
+def assess(problem: Problem, arm: Arm, probe: Probe) -> Quality:
+    """The quality of `arm` with `probe` on the poses of a problem."""
+    p_base = probed_points(problem, arm, probe)
+    count = problem.counts
+    center = np.empty((len(count), 3))
+    two_sigma = np.full((len(count), 3), np.nan)
+    for s in range(len(count)):
+        own = p_base[problem.rows(s)]
+        center[s] = own[0] + (own - own[0]).mean(axis=0)
+        if count[s] > 1:
+            two_sigma[s] = 2 * np.sqrt(((own - center[s]) ** 2).sum(axis=0) / (count[s] - 1))
+    first, second = problem.pairs.T
+    measured = np.linalg.norm(center[first] - center[second], axis=1)
+    return Quality(
+        ProbedSpheres(problem.keys, count, center, two_sigma),
+        problem.pairs,
+        np.abs(measured - problem.nominal),
+        _position_errors(problem, p_base, center),
+    )
+
+
+def _position_errors(problem: Problem, p_base: Array, center: Array) -> Array:
+    gauge = problem.measured.gauge
+    certified = np.array([gauge.center(int(number)) for number in problem.keys[:, 1]])
+    errors = np.empty(len(p_base))
+    for rows in problem.locations:
+        placed = place_gauge(certified[rows], center[rows], problem.counts[rows].astype(float))
+        for row, point in zip(rows, placed.points, strict=True):
+            own = problem.rows(int(row))
+            errors[own] = np.linalg.norm(p_base[own] - point, axis=1)
+    return errors

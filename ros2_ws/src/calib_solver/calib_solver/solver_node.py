@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`ros2 run calib_solver solver`: eq. 15 and eq. 11 as services."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from calib_interfaces.srv import Evaluate, FitProbe, Identify
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.node import Node
+
+from calib_model.errors import CalibrationError
+from calib_solver import messages
+from calib_solver.evaluate import evaluation_record
+from calib_solver.fitting import fit_from
+from calib_solver.identification import Options
+from calib_solver.loading import Sources, bag_list, calibrate
+from calib_solver.prior import chosen_prior
+
+THREADS = 4
+
+
+class SolverNode(Node):
+    """Answers `/identify`, `/fit_probe` and `/evaluate`; several calls may be under way at once."""
+
+    def __init__(self) -> None:
+        super().__init__('solver')
+        group = ReentrantCallbackGroup()
+        services = (
+            (Identify, 'identify', self._identify),
+            (FitProbe, 'fit_probe', self._fit_probe),
+            (Evaluate, 'evaluate', self._evaluate),
+        )
+        self._offered = [
+            self.create_service(kind, name, self._guarded(work), callback_group=group)
+            for kind, name, work in services
+        ]
+        self.get_logger().info('ready: /identify, /fit_probe, /evaluate')
+
+    def _guarded(self, work: Callable[[Any, Any], None]) -> Callable[[Any, Any], Any]:
+        """The service callback of `work`: our own errors become an answer, the node lives on."""
+
+        def answer(request: Any, response: Any) -> Any:
+            try:
+                work(request, response)
+            except CalibrationError as error:
+                refusal = type(response)()
+                refusal.success, refusal.message = False, str(error)
+                self.get_logger().warning(str(error))
+                return refusal
+            response.success = True
+            return response
+
+        return answer
+
+    def _identify(self, request: Identify.Request, response: Identify.Response) -> None:
+        options = Options(
+            request.objective or Options.objective,
+            tuple(request.fix),
+            tuple(request.free),
+            chosen_prior(request.prior),
+        )
+        finished = calibrate(_sources(request), options, bag_list(request.test), request.output)
+        record = finished.record
+        response.arm, response.objective = record['arm'], record['objective']
+        response.parameters = messages.parameters(record['parameters'])
+        response.flange_t_probe = messages.transform(record['flange_T_probe'])
+        response.spheres = messages.spheres(record['spheres'])
+        response.initial = messages.quality(record['quality']['initial'])
+        response.identified = messages.quality(record['quality']['identified'])
+        if record['quality']['test'] is not None:
+            response.has_test = True
+            response.test = messages.quality(record['quality']['test'])
+        response.solver = messages.solver(record['solver'])
+        if record['probe_fit'] is not None:
+            response.has_probe_fit = True
+            response.probe_fit = messages.probe_fit(record['probe_fit'])
+        response.warnings = record['warnings']
+        response.written = [str(path) for path in finished.written]
+        response.message = finished.verdict
+
+    def _fit_probe(self, request: FitProbe.Request, response: FitProbe.Response) -> None:
+        fitted = fit_from(_sources(request), request.output)
+        response.flange_t_probe = messages.transform(fitted.record['flange_T_probe'])
+        response.standard_uncertainty = fitted.record['standard_uncertainty']
+        response.spheres = messages.spheres(fitted.record['spheres'])
+        response.probe_fit = messages.probe_fit(fitted.record['probe_fit'])
+        response.written = [str(path) for path in fitted.written]
+        response.message = fitted.verdict
+
+    def _evaluate(self, request: Evaluate.Request, response: Evaluate.Response) -> None:
+        record = evaluation_record(_sources(request))
+        response.quality = messages.quality(record)
+        response.spheres = messages.spheres(record['spheres'])
+        response.message = f'{len(record["spheres"])} spheres evaluated'
+
+
+def _sources(request: Any) -> Sources:
+    return Sources(bag_list(request.bag), request.arm, request.probe, request.gauge)
+
+
+def main() -> int:
+    """Entry point: serves until Ctrl-C."""
+    rclpy.init()
+    node = SolverNode()
+    executor = MultiThreadedExecutor(num_threads=THREADS)
+    executor.add_node(node)
+    try:
+        executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

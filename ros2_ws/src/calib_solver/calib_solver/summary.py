@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a person reads after an identification: before, after and held-out side by side."""
+
+from __future__ import annotations
+
+from calib_solver.loading import Calibration
+from calib_solver.quality import Quality
+from calib_solver.result import quality_record
+
+ROWS = (
+    ('distance error, mean', 'distance', 'mean'),
+    ('distance error, max', 'distance', 'max'),
+    ('2 sigma, mean', 'two_sigma', 'mean'),
+    ('2 sigma, max', 'two_sigma', 'max'),
+    ('position error, rms', 'position', 'rms'),
+)
+
+
+def summary(calibration: Calibration) -> str:
+    """The table in mm, what was not identifiable, warnings first if there are any, the files."""
+    done = calibration.done
+    lines = [f'warning: {warning}' for warning in done.warnings]
+    poses, spheres = len(done.problem.joints), len(done.problem.keys)
+    lines.append(
+        f'{done.arm.name}: {poses} poses of {spheres} spheres at {len(done.problem.locations)} '
+        f'locations, {len(done.fit.x)} of {len(calibration.record["parameters"])} parameters free'
+    )
+    columns = {'initial': done.initial, 'identified': done.identified}
+    if calibration.test is not None and calibration.test_initial is not None:
+        columns['held-out initial'] = calibration.test_initial
+        columns['held-out'] = calibration.test
+    lines += table(columns)
+    unseen = [
+        p.name
+        for p, reason in zip(done.table.free, done.observability.reason, strict=True)
+        if reason
+    ]
+    if unseen:
+        lines.append('not told by these poses, kept near nominal: ' + ', '.join(unseen))
+    lines.append(calibration.verdict)
+    lines += [f'wrote {path}' for path in calibration.written]
+    return '\n'.join(lines)
+
+
+def table(columns: dict[str, Quality]) -> list[str]:
+    """Lines of a table of qualities in mm, one column each."""
+    records = {name: quality_record(quality) for name, quality in columns.items()}
+    lines = ['mm'.ljust(22) + ''.join(name.rjust(18) for name in records)]
+    for label, group, key in ROWS:
+        values = [record[group][key] for record in records.values()]
+        cells = ['-' if value is None else f'{value * 1e3:.4f}' for value in values]
+        lines.append(label.ljust(22) + ''.join(cell.rjust(18) for cell in cells))
+    return lines

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What one pass over the poses leaves per sphere: all that the objectives need.
+
+With p_i a pose's point, J_i its Jacobian by the free parameters and bars for the sphere's mean,
+sum (J_i - J)'(J_i - J) and sum (J_i - J)'(p_i - p) hold everything eq. 11 needs of N poses, so
+the memory does not grow with N.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib_model.kinematics import point_derivatives
+from calib_model.parameters import ParameterTable
+from calib_model.rotation import Array, left_jacobian, skew
+from calib_solver.problem import IntArray, Problem
+
+BLOCK = 1024  # poses at a time: their Jacobians stay in cache
+
+
+@dataclass(frozen=True)
+class SphereSums:
+    """Sums over the poses of each of S spheres, by F parameters.
+
+    `count` (S,) sum of weights; `center` (S, 3) mean point, m; `jacobian` (S, 3, F) mean Jacobian;
+    `spread` (S, 3) sum of squared deviations per coordinate, m^2; `gradient` (S, F) and
+    `normal` (S, F, F) the centred J'r and J'J.
+    """
+
+    count: Array
+    center: Array
+    jacobian: Array
+    spread: Array
+    gradient: Array
+    normal: Array
+
+
+def accumulate(problem: Problem, table: ParameterTable, full: Array) -> SphereSums:
+    """The sums at the parameters `full` (all columns of `table`), by its free columns."""
+    return accumulate_numpy(problem, table, full)
+
+
+def accumulate_numpy(problem: Problem, table: ParameterTable, full: Array) -> SphereSums:
+    """The same in numpy alone: the twin that the compiled kernel is tested against."""
+    spheres, free = len(problem.keys), len(table.free_columns)
+    sums = SphereSums(
+        np.zeros(spheres), np.zeros((spheres, 3)), np.zeros((spheres, 3, free)),
+        np.zeros((spheres, 3)), np.zeros((spheres, free)), np.zeros((spheres, free, free)),
+    )  # fmt: skip
+    for sphere in range(spheres):
+        rows = problem.rows(sphere)
+        _accumulate_sphere(problem, table, full, rows, sums, sphere)
+    return sums
+
+
+def _accumulate_sphere(
+    problem: Problem, table: ParameterTable, full: Array, rows: slice, sums: SphereSums, s: int
+) -> None:
+    reference: Array | None = None
+    moment = np.zeros(3)
+    for first in range(rows.start, rows.stop, BLOCK):
+        block = np.arange(first, min(first + BLOCK, rows.stop))
+        point, jacobian = point_jacobian(problem, table, full, block)
+        jacobian = jacobian[:, :, table.free_columns]
+        if reference is None:
+            # deviations from a point nearby: squares of whole coordinates would drown them
+            reference = point[0].copy()
+        weight = problem.weight[block]
+        deviation = point - reference
+        weighted = weight[:, None, None] * jacobian
+        sums.count[s] += weight.sum()
+        moment += weight @ deviation
+        sums.spread[s] += weight @ deviation**2
+        sums.jacobian[s] += weighted.sum(axis=0)
+        sums.gradient[s] += np.einsum('nkf,nk->f', weighted, deviation)
+        flat = jacobian.reshape(-1, jacobian.shape[-1])
+        sums.normal[s] += weighted.reshape(flat.shape).T @ flat
+    count = sums.count[s]
+    if reference is None or count <= 0:
+        return
+    mean = moment / count
+    sums.jacobian[s] /= count
+    sums.center[s] = reference + mean
+    sums.spread[s] -= count * mean**2
+    sums.gradient[s] -= count * (mean @ sums.jacobian[s])
+    sums.normal[s] -= count * np.einsum('kf,kg->fg', sums.jacobian[s], sums.jacobian[s])
+
+
+def point_jacobian(
+    problem: Problem, table: ParameterTable, full: Array, rows: IntArray
+) -> tuple[Array, Array]:
+    """Points (R, 3) of the rows and their Jacobian (R, 3, 5n + 6) by every column of the table."""
+    arm, probe = table.apply(full, problem.measured.arm, problem.measured.probe)
+    mount = probe.flange_T_probe
+    centers = problem.centers[rows]
+    turned = centers @ mount.rotation.T
+    derivatives = point_derivatives(arm, problem.joints[rows], turned + mount.translation)
+    by_rotation = -skew(turned) @ left_jacobian(mount.rotation_vector)
+    jacobian = np.concatenate(
+        [
+            derivatives.geometry.reshape(len(rows), 3, -1),
+            derivatives.flange,
+            derivatives.flange @ by_rotation,
+        ],
+        axis=2,
+    )
+    return derivatives.p_base, jacobian
