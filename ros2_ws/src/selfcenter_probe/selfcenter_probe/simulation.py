@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A stream of joint states becomes a stream of probe readings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib_model.errors import DataError
+from calib_model.probing import ProbingSet
+from calib_model.rotation import Array
+from selfcenter_probe.contact import Contact, Status
+from selfcenter_probe.world import World
+
+SECOND = 1_000_000_000  # ns
+
+
+@dataclass(frozen=True)
+class Readings:
+    """K readings: `stamp` (K,) in ns, `displacement` (K, 3) in m, `status` (K, 3) as `Status`."""
+
+    stamp: NDArray[np.int64]
+    displacement: Array
+    status: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.stamp)
+
+
+class ProbeSimulation:
+    """The probe on a moving arm, driven by the arm's joint states.
+
+    It reads at the multiples of 1 / `rate` (Hz) of the stamps' time, with the joints in between
+    interpolated linearly, but not across more than `max_gap` (s): after such a gap, and at the
+    very first state, it reads at the state's own stamp. The same seed and the same states give
+    the same readings.
+
+    Raises:
+        DataError: a rate or a gap that is not above zero.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        generator: np.random.Generator,
+        rate: float = 100.0,
+        max_gap: float = 0.1,
+    ) -> None:
+        if not (0 < rate <= 1e6 and max_gap > 0):
+            raise DataError(f'rate {rate} Hz, max_gap {max_gap} s: expected both above zero')
+        of_joints, self._of_psds = generator.spawn(2)
+        self._world = world
+        self._repeatability = world.repeatability(of_joints)
+        self._period = max(round(SECOND / rate), 1)
+        self._max_gap = round(max_gap * SECOND)
+        self._stamp: int | None = None
+        self._joints = np.zeros(world.arm.n)
+        self._rest: tuple[Array, Contact] | None = None
+
+    def advance(self, stamps: Sequence[int], joints: Array) -> Readings:
+        """The readings up to the last of M joint states: stamps (M,) in ns, joints (M, n) in rad.
+
+        A state not later than the one before is left out, unless it is earlier by more than
+        `max_gap`: then the clock was set back and time starts again there.
+
+        Raises:
+            DataError: not the arm's number of joints.
+        """
+        joints = self._world.arm.check_joints(joints)
+        at: list[int] = []
+        postures: list[Array] = []
+        for stamp, q in zip(stamps, joints, strict=True):
+            if self._stamp is not None and -self._max_gap <= stamp - self._stamp <= 0:
+                continue
+            true_joints = q + self._repeatability.after(q)
+            due = self._due(stamp)
+            at.extend(due)
+            postures.append(self._between(due, stamp, true_joints))
+            self._stamp, self._joints = stamp, true_joints
+        if not at:
+            return Readings(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
+        read = self._read(np.concatenate(postures))
+        return Readings(np.array(at, dtype=np.int64), read.displacement, read.status)
+
+    def _due(self, stamp: int) -> Sequence[int]:
+        """The stamps of the readings after the last state up to this one."""
+        last = self._stamp
+        if last is None or not 0 < stamp - last <= self._max_gap:
+            return (stamp,)
+        first = (last // self._period + 1) * self._period
+        return range(first, stamp + 1, self._period)
+
+    def _between(self, due: Sequence[int], stamp: int, joints: Array) -> Array:
+        """True joints (K, n) at stamps (K,) between the last state and this one."""
+        last = self._stamp
+        if last is None or not 0 < stamp - last <= self._max_gap:
+            return joints[None, :]
+        share = (np.array(due, dtype=np.int64) - last) / (stamp - last)
+        # written so that an arm at rest stays exactly where it is
+        between: Array = self._joints + share[:, None] * (joints - self._joints)
+        return between
+
+    def _read(self, true_joints: Array) -> Contact:
+        """What the probe reports at true joints (K, n); an arm at rest is looked at once."""
+        if (true_joints != true_joints[0]).any():
+            contact = self._world.contact(self._world.sight(true_joints).p_probe_sphere)
+        else:
+            contact = self._at_rest(true_joints[:1]).repeated(len(true_joints))
+        return self._world.read(contact, self._of_psds)
+
+    def _at_rest(self, posture: Array) -> Contact:
+        if self._rest is None or not np.array_equal(posture, self._rest[0]):
+            contact = self._world.contact(self._world.sight(posture).p_probe_sphere)
+            self._rest = (posture, contact)
+        return self._rest[1]
+
+
+def probe_postures(
+    world: World, joints: Array, generator: np.random.Generator, readings: int = 1
+) -> ProbingSet:
+    """The probing set of an arm that stops at each of the postures (N, n), without a graph.
+
+    For tests and studies: the spheres are named by the world itself. `readings` are averaged at
+    each posture; postures at which any of them is not OK on all styli are left out. The stamps
+    count the postures that were asked for, 1 s apart.
+
+    Raises:
+        DataError: not the arm's number of joints, or no reading asked for.
+    """
+    if readings < 1:
+        raise DataError(f'expected at least one reading per posture, got {readings}')
+    joints = world.arm.check_joints(joints)
+    of_joints, of_psds = generator.spawn(2)
+    true_joints = joints + world.repeatability(of_joints).draw(*joints.shape)
+    seen = world.sight(true_joints)
+    still = world.contact(seen.p_probe_sphere)
+    count, styli = still.displacement.shape
+    read = world.read(still.repeated(readings), of_psds)
+    usable = (read.status == Status.OK).reshape(count, readings * styli).all(axis=1)
+    every = ProbingSet(
+        seen.location,
+        seen.sphere,
+        joints,
+        read.displacement.reshape(count, readings, styli).mean(axis=1),
+        np.arange(count, dtype=np.int64) * SECOND,
+        np.full(count, readings, dtype=np.int64),
+    )
+    return every.take(usable)
