@@ -57,10 +57,10 @@ class InverseKinematics:
         """Whether one joint is free to be swept."""
         return self._six is None
 
-    def redundant_samples(self, count: int) -> Array:
-        """`count` values (count,) of the swept joint, evenly over its range, rad."""
+    def redundant_range(self) -> tuple[float, float]:
+        """The range of the joint to be swept, rad; without meaning for six joints."""
         lower, upper = np.clip(self.arm.limits[self._redundant], -np.pi, np.pi)
-        return lower + (np.arange(count) + 0.5) / count * (upper - lower)
+        return float(lower), float(upper)
 
     def branches(self, T_base_flange: Array, redundant_value: float | None = None) -> Array:
         """Every posture (K, n) in rad, each joint within +-pi, that reaches the pose (4, 4).
@@ -70,7 +70,7 @@ class InverseKinematics:
         solver = self._six
         if solver is None:
             if redundant_value is None:
-                raise ValueError('an arm of seven joints needs the value of its redundant joint')
+                raise InverseError(f'{self.arm.name}: seven joints need a value for one of them')
             fixed = self.arm.direction[self._redundant] * redundant_value
             fixed -= self.arm.geometry[3, self._redundant]
             solver = self._solver([(self._redundant, float(fixed))])

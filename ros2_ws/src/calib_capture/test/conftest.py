@@ -6,7 +6,9 @@ import pytest
 from calib_model.arm import Arm
 from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.gauge import Gauge
+from calib_model.placement import parse_placements
 from calib_model.probe import Probe
+from calib_model.rotation import RigidTransform
 
 
 @pytest.fixture(scope='session')
@@ -33,3 +35,9 @@ def probe(config: Path) -> Probe:
 @pytest.fixture(scope='session')
 def gauge(config: Path) -> Gauge:
     return read_description(config / 'gauges' / 'ball_bar_kr5.yaml', parse_gauge)
+
+
+@pytest.fixture(scope='session')
+def placements(config: Path) -> dict[int, RigidTransform]:
+    path = config / 'locations' / 'kr5.yaml'
+    return parse_placements(path.read_text(encoding='utf-8'), str(path))

@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated arm as a node: `ros2 run calib_capture arm`."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import numpy as np
+import rclpy
+from rclpy.exceptions import InvalidParameterTypeException
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
+
+from calib_capture.configuration import ParameterError, configured, explained, number_within
+from calib_capture.messages import SECOND, described, joint_state, points_of, qos_of
+from calib_capture.pinocchio_arm import PinocchioArm
+from calib_capture.trajectory import Motion, TrajectoryError, checked_trajectory
+from calib_model.command import run_command
+from calib_model.description import arm_yaml, parse_arm
+from calib_model.rotation import Array
+from calib_model.topics import (
+    ARM_DESCRIPTION,
+    JOINT_STATES,
+    JOINT_TRAJECTORY,
+    ROBOT_DESCRIPTION,
+    Topic,
+)
+from calib_model.urdf import arm_urdf
+
+STEPPED_IDLE = 0.05  # s: in stepped simulation an arm at rest lives in real time, at this beat
+STEPPED_BURST = 40  # states published at once: less than half of what a subscriber keeps
+STEPPED_PAUSE = 0.005  # s between bursts of one motion, for the subscribers to take them in
+
+
+class ArmNode(Node):
+    """Follows trajectories as ros2_control's joint_trajectory_controller does, in its own time.
+
+    Its time runs `time_scale` times as fast as the wall clock's. With `time_scale` 0 the
+    simulation is stepped: at rest time runs as the wall clock's, a motion takes no time at all
+    and only those of its states are published that matter.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('arm')
+        self._read_parameters()
+        self._publish_descriptions()
+        self._states = self.create_publisher(JointState, JOINT_STATES.name, qos_of(JOINT_STATES))
+        self._time = time.time_ns()  # of the last published state, in the arm's own time
+        self._wall = time.monotonic_ns()
+        self._began = self._time
+        self._motion = Motion.resting(self._start_posture())
+        self._steps: list[float] = []
+        self._moved = False
+        self.create_subscription(
+            JointTrajectory, JOINT_TRAJECTORY.name, self._on_trajectory, qos_of(JOINT_TRAJECTORY)
+        )
+        if self._scale > 0:
+            self.create_timer(1.0 / self._rate, self._tick)
+        else:
+            self.create_timer(STEPPED_IDLE, self._idle)
+            self._stepping = self.create_timer(STEPPED_PAUSE, self._step)
+            self._stepping.cancel()
+        speed = f'{self._scale:g} times real time' if self._scale > 0 else 'stepped'
+        self.get_logger().info(f'{self._arm.name}, {self._arm.n} joints, {speed}')
+
+    def _read_parameters(self) -> None:
+        path = self.declare_parameter('arm', '', described(explained('arm'))).value
+        self._arm = configured('arm', path, parse_arm)
+        # the model that the arm moves by: its limits and speeds are the description's
+        self._model = PinocchioArm(self._arm).model
+        rate = self.declare_parameter(
+            'rate', 250.0, described('joint states per second of the wall clock', dynamic=True)
+        )
+        self._rate = number_within('rate', rate.value, 1.0, 1000.0)
+        text = 'how many times faster than real the arm lives; 0: stepped, as fast as can be'
+        scale = self.declare_parameter('time_scale', 1.0, described(text, dynamic=True))
+        self._scale = number_within('time_scale', scale.value, 0.0, 1000.0)
+
+    def _start_posture(self) -> Array:
+        lower, upper = self._model.lowerPositionLimit, self._model.upperPositionLimit
+        posture: Array = np.clip(np.zeros(self._arm.n), lower, upper)
+        return posture
+
+    def _publish_descriptions(self) -> None:
+        self._latched = [
+            self._latch(ARM_DESCRIPTION, arm_yaml(self._arm)),
+            self._latch(ROBOT_DESCRIPTION, arm_urdf(self._arm)),
+        ]
+
+    def _latch(self, topic: Topic, text: str) -> Publisher:
+        publisher = self.create_publisher(String, topic.name, qos_of(topic))
+        publisher.publish(String(data=text))
+        return publisher
+
+    def _on_trajectory(self, message: JointTrajectory) -> None:
+        here = self._advance_clock()
+        if not message.points:
+            self._follow(Motion.resting(here))
+            return
+        try:
+            seconds, positions = points_of(message)
+            trajectory = checked_trajectory(self._arm, message.joint_names, seconds, positions)
+        except TrajectoryError as error:
+            self.get_logger().warning(f'refused: {error}')
+            return
+        self._follow(Motion(here, trajectory, self._model.velocityLimit))
+
+    def _follow(self, motion: Motion) -> None:
+        """Take on a motion; what was left of the one before is forgotten."""
+        self._motion, self._began = motion, self._time
+        if self._scale == 0:
+            self._steps = motion.instants()[1:].tolist()
+            self._step()
+
+    def _advance_clock(self) -> Array:
+        """Bring the arm's time to now and return where the arm is."""
+        wall = time.monotonic_ns()
+        if self._scale > 0:
+            self._time += round((wall - self._wall) * self._scale)
+        self._wall = wall
+        position, _ = self._motion.at((self._time - self._began) / SECOND)
+        return position
+
+    def _tick(self) -> None:
+        self._advance_clock()
+        self._publish(self._time)
+
+    def _step(self) -> None:
+        """Publish the next states of a stepped motion, all of them when they are few."""
+        now, self._steps = self._steps[:STEPPED_BURST], self._steps[STEPPED_BURST:]
+        for seconds in now:
+            self._publish(self._began + round(seconds * SECOND))
+        self._moved = True
+        if self._steps:
+            self._stepping.reset()
+        else:
+            self._stepping.cancel()
+
+    def _idle(self) -> None:
+        """Let time pass for an arm at rest, unless it has just passed in a motion."""
+        if not self._steps and not self._moved:
+            self._publish(self._time + round(STEPPED_IDLE * SECOND))
+        self._moved = False
+
+    def _publish(self, stamp: int) -> None:
+        self._time = stamp
+        position, velocity = self._motion.at((stamp - self._began) / SECOND)
+        names, frame = self._arm.joint_names, self._arm.base_frame
+        self._states.publish(joint_state(stamp, frame, names, position, velocity))
+
+
+def _spin() -> None:
+    try:
+        rclpy.init(args=sys.argv)
+    except RuntimeError as error:  # what rcl raises for arguments it cannot parse
+        raise ParameterError(str(error).partition(', at ')[0]) from error
+    try:
+        node = ArmNode()
+        try:
+            rclpy.spin(node)
+        finally:
+            node.destroy_node()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except InvalidParameterTypeException as error:
+        raise ParameterError(str(error)) from error
+    finally:
+        rclpy.try_shutdown()
+
+
+def main() -> int:
+    """Run the node until it is told to stop; 2 when a parameter or a file cannot be used."""
+    return run_command(_spin)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where a node's descriptions come from: the path given to it, or the suite's own configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+
+from calib_model.description import read_description
+from calib_model.errors import CalibrationError
+
+T = TypeVar('T')
+CONFIGURED_BY = 'calib_bringup'
+#: parameter: the file it defaults to, and what it is
+FILES = {
+    'arm': ('config/arms/kuka_kr5_sixx_r650.yaml', 'arm description, nominal'),
+    'probe': ('config/probes/active_trihedron.yaml', 'probe description, nominal'),
+    'gauge': ('config/gauges/ball_bar_kr5.yaml', 'gauge description: the certificate'),
+    'placements': ('config/locations/kr5.yaml', 'where the gauge stands, location by location'),
+}
+
+
+class ParameterError(CalibrationError):
+    """A parameter of a node that cannot be used."""
+
+
+def explained(name: str) -> str:
+    """What the parameter `name` is."""
+    file, what = FILES[name]
+    return f'path of a YAML file: {what}; empty: {file} of {CONFIGURED_BY}'
+
+
+def configured(name: str, given: str, parse: Callable[[str, str], T]) -> T:
+    """What the file `given` for parameter `name` says, or the default's content when empty.
+
+    Raises:
+        DescriptionError: the file cannot be read or used.
+        ParameterError: no file is given and there is no default.
+    """
+    if given:
+        return read_description(given, parse)
+    try:
+        folder = get_package_share_directory(CONFIGURED_BY)
+    except PackageNotFoundError as error:
+        raise ParameterError(
+            f"parameter '{name}' is empty and {CONFIGURED_BY} is not installed: give a path"
+        ) from error
+    return read_description(Path(folder) / FILES[name][0], parse)
+
+
+def number_within(name: str, value: object, lower: float, upper: float) -> float:
+    """A parameter's number.
+
+    Raises:
+        ParameterError: no number, or not from `lower` to `upper`.
+    """
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not isinstance(value, int | float) or not number or not lower <= value <= upper:
+        raise ParameterError(
+            f"parameter '{name}': expected a number from {lower:g} to {upper:g}, got {value!r}"
+        )
+    return float(value)

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Following a joint trajectory: straight lines between its points, never too fast."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib_model.arm import Arm
+from calib_model.errors import CalibrationError
+from calib_model.rotation import Array, frozen
+
+DWELL_STEP = 0.05  # s: at rest, states this near let a probe be read between them
+MOTION_STEP = 0.25  # s: on the way, further apart than readings are taken across
+REST = 1e-12  # rad
+
+
+class TrajectoryError(CalibrationError):
+    """A trajectory that the arm does not follow."""
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Where the joints are to be: `positions` (K, n) in rad at `seconds` (K,) from the start."""
+
+    seconds: Array
+    positions: Array
+
+
+def checked_trajectory(
+    arm: Arm, names: Sequence[str], seconds: Sequence[float], positions: Sequence[Sequence[float]]
+) -> Trajectory:
+    """A trajectory in the arm's joint order from one whose `names` are in any order.
+
+    Raises:
+        TrajectoryError: a joint is missing, unknown or out of its limits, a point has too few or
+            too many positions, a number is not finite, or the times do not increase.
+    """
+    if sorted(names) != sorted(arm.joint_names):
+        raise TrajectoryError(
+            f'trajectory for joints {", ".join(names) or "none"}: '
+            f'expected {", ".join(arm.joint_names)}'
+        )
+    for number, point in enumerate(positions, start=1):
+        if len(point) != arm.n:
+            raise TrajectoryError(
+                f'trajectory point {number}: expected {arm.n} positions, got {len(point)}'
+            )
+    order = [list(names).index(name) for name in arm.joint_names]
+    times = np.asarray(seconds, dtype=np.float64)
+    q = np.asarray(positions, dtype=np.float64).reshape(-1, arm.n)[:, order]
+    _refuse(~np.isfinite(q).all(axis=1), 'has a position that is no number')
+    _refuse(~(np.diff(times, prepend=-1e-9) > 0), 'is not later than the one before')
+    for joint, column in zip(arm.joints, q.T, strict=True):
+        lower, upper = joint.limits
+        outside = (column < lower) | (column > upper)
+        _refuse(outside, f'takes {joint.name} out of its limits {lower:.4f} to {upper:.4f} rad')
+    return Trajectory(frozen(times), frozen(q))
+
+
+def _refuse(bad: np.ndarray[tuple[int, ...], np.dtype[np.bool_]], problem: str) -> None:
+    if bad.any():
+        raise TrajectoryError(f'trajectory point {int(np.argmax(bad)) + 1} {problem}')
+
+
+class Motion:
+    """The way from posture `start` (n,) along a trajectory, as slow as the slowest joint needs.
+
+    A segment that asks for more than `velocity` (n,) rad/s takes longer, and all that follows it
+    comes later. Points' velocities and accelerations play no part.
+    """
+
+    def __init__(self, start: Array, trajectory: Trajectory, velocity: Array) -> None:
+        positions = np.vstack([start, trajectory.positions])
+        steps = np.diff(positions, axis=0)
+        asked = np.diff(trajectory.seconds, prepend=0.0)
+        durations = np.maximum(asked, np.max(np.abs(steps) / velocity, axis=1))
+        kept = durations > 0
+        self.positions = np.vstack([positions[0], positions[1:][kept]])
+        self.seconds = np.concatenate([[0.0], np.cumsum(durations[kept])])
+        self._speeds = steps[kept] / durations[kept, None]
+
+    @classmethod
+    def resting(cls, at: Array) -> Motion:
+        """No motion at all."""
+        return cls(at, Trajectory(np.zeros(0), np.zeros((0, len(at)))), np.ones(len(at)))
+
+    @property
+    def duration(self) -> float:
+        """Seconds until the last point."""
+        return float(self.seconds[-1])
+
+    def at(self, seconds: float) -> tuple[Array, Array]:
+        """Positions (n,) in rad and speeds (n,) in rad/s, `seconds` after the start.
+
+        Between motion and rest a joint stands still; before and after everything too.
+        """
+        coming = int(np.searchsorted(self.seconds, seconds, side='right'))
+        going = int(np.searchsorted(self.seconds, seconds, side='left'))
+        if coming == len(self.seconds) or going == 0:
+            last = self.positions[-1] if coming == len(self.seconds) else self.positions[0]
+            return last, np.zeros(len(last))
+        speed = self._speeds[coming - 1]
+        position = self.positions[coming - 1] + speed * (seconds - self.seconds[coming - 1])
+        before = self._speeds[going - 1]
+        return position, np.where(speed * before == 0, 0.0, (speed + before) / 2)
+
+    def instants(self) -> Array:
+        """Where a stepped simulation looks, in s: the ends of rests and motions and a few between."""
+        found = [np.zeros(1)]
+        for begin, end, speed in zip(self.seconds, self.seconds[1:], self._speeds, strict=False):
+            resting = np.abs(speed).max() * (end - begin) < REST
+            steps = int(np.ceil((end - begin) / (DWELL_STEP if resting else MOTION_STEP)))
+            steps = max(steps, 2 if resting else 1)
+            found.append(np.append(begin + (end - begin) * np.arange(1, steps) / steps, end))
+        return np.concatenate(found)
