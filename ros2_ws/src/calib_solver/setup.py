@@ -25,6 +25,7 @@ def kernel() -> list[Extension]:
         Extension(
             f'{PACKAGE}._kernel',
             [str(source)],
+            depends=[str(source.with_name('_kernel_pass.h'))],
             extra_compile_args=['-O3'],
             optional=True,
         )

@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 def frozen(values: object) -> Array:
     """A read-only float64 copy of `values`, any shape."""
-    array = np.array(values, dtype=np.float64)
+    array = np.array(values, dtype=np.float64, order='C')
     array.setflags(write=False)
     return array
 

@@ -20,10 +20,10 @@ class Problem:
     """N poses of S probed spheres, M certified distances.
 
     `keys` (S, 2) are location and sphere number; the poses of sphere s are rows `start[s]` to
-    `start[s + 1]` of `joints` (N, n), of their `cosine` and `sine` (direction * q) and of
-    `centers` (N, 3), the sphere's centre in the probe frame; `weight` (N,) is 1 or less. `order`
-    (N,) is each row's place in the measurement. `pairs` (M, 2) are rows of `keys` in one location
-    and `nominal` (M,) the certificate's distance between them, m.
+    `start[s + 1]` of `joints` (N, n), columns of their `cosine` and `sine` (n, N) of direction * q,
+    and rows of `centers` (N, 3), the sphere's centre in the probe frame; `weight` (N,) is 1 or
+    less. `order` (N,) is each row's place in the measurement. `pairs` (M, 2) are rows of `keys`
+    in one location and `nominal` (M,) the certificate's distance between them, m.
     """
 
     measured: Measurement
@@ -55,7 +55,7 @@ class Problem:
         distances = [measured.gauge.distance(keys[i, 1], keys[j, 1]) for i, j in pairs]
         return cls(
             measured, keys, start.astype(np.int64), order, frozen(joints),
-            frozen(np.cos(turned)), frozen(np.sin(turned)),
+            frozen(np.cos(turned).T), frozen(np.sin(turned).T),
             frozen(measured.centers()[order]), frozen(np.ones(len(poses))), pairs,
             frozen(distances),
         )  # fmt: skip

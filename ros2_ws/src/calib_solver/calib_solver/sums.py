@@ -15,6 +15,7 @@ import numpy as np
 from calib_model.kinematics import point_derivatives
 from calib_model.parameters import ParameterTable
 from calib_model.rotation import Array, left_jacobian, skew
+from calib_solver import compiled
 from calib_solver.problem import IntArray, Problem
 
 BLOCK = 1024  # poses at a time: their Jacobians stay in cache
@@ -39,7 +40,31 @@ class SphereSums:
 
 def accumulate(problem: Problem, table: ParameterTable, full: Array) -> SphereSums:
     """The sums at the parameters `full` (all columns of `table`), by its free columns."""
+    if compiled.available(problem):
+        return accumulate_compiled(problem, table, full)
     return accumulate_numpy(problem, table, full)
+
+
+def accumulate_compiled(problem: Problem, table: ParameterTable, full: Array) -> SphereSums:
+    """The sums by the compiled pass, on all cores."""
+    raw = compiled.raw_sums(problem, table, full)
+    free = len(table.free_columns)
+    count = np.maximum(raw.weight, 1e-300)[:, None]
+    mean = raw.moment / count
+    jacobian = raw.jacobian / count[:, :, None]
+    gradient = raw.normal[:, :free, free]
+    normal = raw.normal[:, :free, :free]
+    # only the upper triangle is summed
+    normal = np.triu(normal) + np.swapaxes(np.triu(normal, 1), 1, 2)
+    normal -= count[:, :, None] * (np.swapaxes(jacobian, 1, 2) @ jacobian)
+    return SphereSums(
+        raw.weight,
+        raw.reference + mean,
+        jacobian,
+        raw.spread - count * mean**2,
+        gradient - count * np.einsum('sk,skf->sf', mean, jacobian),
+        normal,
+    )
 
 
 def accumulate_numpy(problem: Problem, table: ParameterTable, full: Array) -> SphereSums:

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The compiled pass over the poses, on all cores; without it numpy does the same, slower."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from calib_model.parameters import ParameterTable
+from calib_model.rotation import Array, left_jacobian, rotation_matrix
+from calib_solver.problem import IntArray, Problem
+
+try:
+    from calib_solver import _kernel
+except ImportError:  # not compiled here
+    _kernel = None  # type: ignore[assignment, unused-ignore]
+
+MOST_JOINTS = 16
+TILE = 4
+#: below this many poses a second thread costs more than it saves
+POSES_PER_THREAD = 2000
+
+
+@dataclass(frozen=True)
+class RawSums:
+    """What the pass adds up, before means are taken off: `weight` (S,), a point near each sphere
+    `reference` (S, 3), `moment` and `spread` (S, 3) of the deviations from it, `jacobian`
+    (S, 3, F), and `normal` (S, P, P), whose column F belongs to the deviations."""
+
+    weight: Array
+    reference: Array
+    moment: Array
+    spread: Array
+    jacobian: Array
+    normal: Array
+
+
+def available(problem: Problem) -> bool:
+    """Whether the compiled pass is there and takes such an arm."""
+    return _kernel is not None and len(problem.cosine) <= MOST_JOINTS
+
+
+@cache
+def threads() -> int:
+    """Cores this process may use; `CALIB_THREADS` sets another number."""
+    return int(os.environ.get('CALIB_THREADS', '0')) or len(os.sched_getaffinity(0))
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads(), 'calib_solver')
+
+
+def raw_sums(problem: Problem, table: ParameterTable, full: Array) -> RawSums:
+    """The sums at the parameters `full`, sphere by sphere: independent of the number of threads."""
+    spheres, free = len(problem.keys), len(table.free_columns)
+    padded = -(-(free + 1) // TILE) * TILE
+    raw = RawSums(
+        np.zeros(spheres),
+        np.zeros((spheres, 3)),
+        np.zeros((spheres, 3)),
+        np.zeros((spheres, 3)),
+        np.zeros((spheres, 3, free)),
+        np.zeros((spheres, padded, padded)),
+    )
+    outputs = tuple(vars(raw).values())
+    size = 5 * table.n
+    mount = np.concatenate(
+        [
+            rotation_matrix(full[size + 3 :]).reshape(-1),
+            full[size : size + 3],
+            left_jacobian(full[size + 3 :]).T.reshape(-1),
+        ]
+    )
+    inputs = (
+        problem.cosine,
+        problem.sine,
+        problem.centers,
+        problem.weight,
+        problem.start,
+        np.ascontiguousarray(full[:size]),
+        mount,
+        table.free_columns,
+    )
+    bounds = _shares(problem)
+    if len(bounds) == 2:
+        _kernel.accumulate(inputs, outputs, 0, spheres)
+        return raw
+    shares = [
+        _pool().submit(_kernel.accumulate, inputs, outputs, int(first), int(last))
+        for first, last in zip(bounds[:-1], bounds[1:], strict=True)
+    ]
+    for share in shares:
+        share.result()
+    return raw
+
+
+def _shares(problem: Problem) -> IntArray:
+    """Bounds between spheres that give each thread about as many poses."""
+    poses = int(problem.start[-1])
+    parts = max(min(threads(), poses // POSES_PER_THREAD, len(problem.keys)), 1)
+    inner = np.searchsorted(problem.start, poses * np.arange(1, parts) / parts)
+    return np.unique(np.concatenate([[0], inner, [len(problem.keys)]])).astype(np.int64)
