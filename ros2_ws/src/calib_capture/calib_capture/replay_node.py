@@ -154,7 +154,10 @@ def _profile(offered: OfferedQos) -> QoSProfile:
 
 
 def _positive(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
     if not (value > 0 and math.isfinite(value)):
         raise argparse.ArgumentTypeError(f'expected a number above zero, got {text}')
     return value
