@@ -37,6 +37,10 @@ case $_calib_flags in *e*) set -e ;; esac
 command -v ros2 >/dev/null || _calib_prepend PATH "$_calib_root/tools/ros2"
 
 export RMW_IMPLEMENTATION=${RMW_IMPLEMENTATION:-rmw_fastrtps_cpp}
+# How fast processes find one another; a file of the user's own comes first.
+if [ -z "${FASTDDS_DEFAULT_PROFILES_FILE:-}" ]; then
+  export FASTRTPS_DEFAULT_PROFILES_FILE=${FASTRTPS_DEFAULT_PROFILES_FILE:-$_calib_root/tools/fastdds.xml}
+fi
 export ROS_AUTOMATIC_DISCOVERY_RANGE=${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}
 
 unset -f _calib_prepend

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A node that looks at the graph, and what it sees there."""
+
+import argparse
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
+
+from .command_line import Terminated
+
+NamesAndTypes = list[tuple[str, list[str]]]
+
+
+def add_discovery_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--spin-time', type=float, default=1.0, metavar='SPIN_TIME',
+                        help='Spin time in seconds to wait for discovery')
+    parser.add_argument('--no-daemon', action='store_true',
+                        help='Accepted for likeness: there is never a daemon here')
+
+
+@contextmanager
+def graph_node(purpose: str = 'node', spin_time: float = 0.0) -> Iterator[Node]:
+    """A hidden node that has listened to the graph for `spin_time` seconds."""
+    rclpy.init(args=[])
+    node = rclpy.create_node(f'_ros2cli_{purpose}_{os.getpid()}', start_parameter_services=False,
+                             enable_rosout=False)
+    try:
+        wait_until(node, lambda: False, spin_time)
+        yield node
+    except (ExternalShutdownException, rclpy_implementation.RCLError):
+        # On SIGINT Python has raised KeyboardInterrupt before; on SIGTERM the context just ends,
+        # and whatever uses it next says so in one of these two ways.
+        if rclpy.ok():
+            raise
+        raise Terminated from None
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def wait_until(node: Node, condition: Callable[[], bool], seconds: float) -> bool:
+    """Spin until the condition holds; False where it does not within `seconds`."""
+    end = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() >= end:
+            return False
+        rclpy.spin_once(node, timeout_sec=0.05)
+    return True
+
+
+def wait_for(node: Node, find: Callable[[], Sequence[Any]], seconds: float = 3.0) -> bool:
+    """Wait for what `find` looks for, and a little longer for others of the same name."""
+    found = wait_until(node, lambda: bool(find()), seconds)
+    wait_until(node, lambda: False, 0.2 if found else 0.0)
+    return found
+
+
+def visible(names_and_types: NamesAndTypes, include_hidden: bool) -> NamesAndTypes:
+    return [(name, types) for name, types in names_and_types
+            if include_hidden or not topic_or_service_is_hidden(name)]
+
+
+def print_names(names_and_types: NamesAndTypes, show_types: bool, count_only: bool) -> None:
+    if count_only:
+        print(len(names_and_types))
+        return
+    for name, types in names_and_types:
+        print(f'{name} [{", ".join(types)}]' if show_types else name)
+
+
+def absolute(name: str) -> str:
+    return name if name.startswith('/') else f'/{name}'
