@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stand-in for ros2, as a user meets it: real processes on a real graph."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+STAND_IN = ROOT / 'tools' / 'ros2' / 'ros2'
+PEER = Path(__file__).with_name('ros2_peer.py')
+
+
+@pytest.fixture(scope='module')
+def environment() -> dict[str, str]:
+    """What a shell that has sourced env.bash passes on, in a domain of this run's own."""
+    command = f'source {ROOT}/env.bash && env -0'
+    listing = subprocess.run(['bash', '-c', command], check=True, capture_output=True, text=True)
+    variables = dict(entry.split('=', 1) for entry in listing.stdout.split('\0') if entry)
+    return variables | {'ROS_DOMAIN_ID': str(1 + os.getpid() % 100),
+                        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+
+
+@pytest.fixture(scope='module')
+def peer(environment: dict[str, str]) -> Iterator[None]:
+    with subprocess.Popen([sys.executable, PEER], env=environment, stdout=subprocess.PIPE,
+                          text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == 'ready\n'
+        yield
+        process.send_signal(signal.SIGINT)
+
+
+@pytest.fixture
+def ros2(environment: dict[str, str]):
+    def run(*words: str, stdin: str | None = None) -> subprocess.CompletedProcess[str]:
+        return subprocess.run([STAND_IN, *words], env=environment, capture_output=True, text=True,
+                              timeout=30, input=stdin)
+
+    return run
+
+
+@pytest.fixture
+def package(tmp_path: Path, environment: dict[str, str]):
+    """`ros2 run` in an overlay whose one package, `tool_box`, has one executable, `tool`."""
+    index = tmp_path / 'share' / 'ament_index' / 'resource_index' / 'packages'
+    index.mkdir(parents=True)
+    (index / 'tool_box').touch()
+    tool = tmp_path / 'lib' / 'tool_box' / 'tool'
+    tool.parent.mkdir(parents=True)
+    overlay = environment | {'AMENT_PREFIX_PATH': f'{tmp_path}:{environment["AMENT_PREFIX_PATH"]}'}
+
+    def start(script: str, *words: str) -> subprocess.Popen[str]:
+        tool.write_text(f'#!{sys.executable}\n{script}')
+        tool.chmod(0o755)
+        return subprocess.Popen([STAND_IN, 'run', 'tool_box', 'tool', *words], env=overlay,
+                                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+    return start
+
+
+def test_run_passes_all_arguments_on(package) -> None:
+    words = ['--rate', '2', 'BAG', '--help', '--ros-args', '-p', 'rate:=5.0', '-r', '__ns:=/x']
+    output, _ = package('import sys; print(sys.argv[1:])', *words).communicate(timeout=20)
+    assert output == f'{words}\n'
+
+
+def test_run_exits_as_the_executable_does(package) -> None:
+    process = package('import sys; print("no such bag"); sys.exit(2)')
+    output, _ = process.communicate(timeout=20)
+    assert process.returncode == 2
+    assert output.splitlines()[0] == 'no such bag'
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_run_lets_signals_reach_the_executable(package, number: signal.Signals) -> None:
+    process = package(
+        'import signal, sys, time\n'
+        'def leave(number, frame):\n'
+        '    print("signal", number); sys.exit(7)\n'
+        f'signal.signal({int(number)}, leave)\n'
+        'print("up", flush=True)\n'
+        'time.sleep(20)\n')
+    assert process.stdout.readline() == 'up\n'
+    process.send_signal(number)
+    output, _ = process.communicate(timeout=10)
+    assert output.splitlines()[0] == f'signal {int(number)}'
+    assert process.returncode == 7
+
+
+def test_run_says_which_package_is_missing(ros2) -> None:
+    result = ros2('run', 'no_such_package', 'x')
+    assert (result.returncode, result.stderr) == (1, "Package 'no_such_package' not found\n")
+
+
+def test_run_says_that_the_executable_is_missing(ros2) -> None:
+    result = ros2('run', 'calib_solver', 'no_such_executable')
+    assert (result.returncode, result.stderr) == (1, 'No executable found\n')
+
+
+def test_service_list_shows_names_types_and_count(ros2, peer) -> None:
+    names = ros2('service', 'list').stdout.splitlines()
+    assert '/switch' in names
+    assert '/peer/get_parameters' in names
+    assert '/switch [std_srvs/srv/SetBool]' in ros2('service', 'list', '-t').stdout.splitlines()
+    assert ros2('service', 'list', '--count-services').stdout == f'{len(names)}\n'
+
+
+def test_service_type_prints_the_type_or_fails(ros2, peer) -> None:
+    assert ros2('service', 'type', '/switch').stdout == 'std_srvs/srv/SetBool\n'
+    unknown = ros2('service', 'type', '--spin-time', '0.5', '/nowhere')
+    assert (unknown.returncode, unknown.stdout) == (1, '')
+
+
+def test_service_call_prints_request_and_response_as_ros2cli_does(ros2, peer) -> None:
+    result = ros2('service', 'call', '/switch', 'std_srvs/srv/SetBool', '{data: true}')
+    assert result.returncode == 0
+    assert result.stdout.removeprefix('waiting for service to become available...\n') == (
+        'requester: making request: std_srvs.srv.SetBool_Request(data=True)\n\n'
+        "response:\nstd_srvs.srv.SetBool_Response(success=True, message='switched')\n\n")
+
+
+def test_service_call_reads_the_request_from_stdin(ros2, peer) -> None:
+    result = ros2('service', 'call', '/switch', 'std_srvs/SetBool', '--stdin', stdin='data: true')
+    assert 'SetBool_Response(success=True' in result.stdout
+
+
+@pytest.mark.parametrize(('values', 'reason'), [
+    ('{dota: true}', "no attribute 'dota'"),
+    ('{data: 3}', "'data'"),
+    ('{data: [}', 'not YAML'),
+    ('just text', 'expected'),
+])
+def test_service_call_refuses_a_bad_request_in_one_line(ros2, values: str, reason: str) -> None:
+    result = ros2('service', 'call', '/switch', 'std_srvs/srv/SetBool', values)
+    assert (result.returncode, result.stdout) == (1, '')
+    assert re.fullmatch(r'Failed to populate field: .*\n', result.stderr)
+    assert reason in result.stderr
+
+
+def test_service_call_refuses_an_unknown_type_in_one_line(ros2) -> None:
+    result = ros2('service', 'call', '/switch', 'std_srvs/srv/Nothing')
+    assert (result.returncode, result.stderr) == (1, 'The passed service type is invalid\n')
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_service_call_waits_for_a_service_until_interrupted(environment, number) -> None:
+    with subprocess.Popen([STAND_IN, 'service', 'call', '/nowhere', 'std_srvs/srv/Empty'],
+                          env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                          text=True) as process:
+        assert process.stdout.readline() == 'waiting for service to become available...\n'
+        time.sleep(0.5)
+        assert process.poll() is None
+        process.send_signal(number)
+        assert process.communicate(timeout=10) == ('', '')
+        assert process.returncode == number
+
+
+def test_nested_fields_arrays_and_types_of_a_request_are_filled(environment) -> None:
+    script = (
+        'from standin.fields import as_yaml, fill, parse\n'
+        'from calib_interfaces.srv import Identify\n'
+        'from trajectory_msgs.msg import JointTrajectory\n'
+        'request = Identify.Request()\n'
+        "fill(request, parse('{bag: 12, fix: [a1, d2]}'))\n"
+        "assert (request.bag, request.fix) == ('12', ['a1', 'd2'])\n"
+        'path = JointTrajectory()\n'
+        "fill(path, parse('{header: {frame_id: base}, points: [{positions: [1, 2]}]}'))\n"
+        "assert path.header.frame_id == 'base'\n"
+        'assert list(path.points[0].positions) == [1.0, 2.0]\n')
+    subprocess.run([sys.executable, '-c', script], cwd=STAND_IN.parent, env=environment, check=True,
+                   timeout=30)
+
+
+def test_topic_list_shows_names_types_and_count(ros2, peer) -> None:
+    names = ros2('topic', 'list').stdout.splitlines()
+    assert {'/chatter', '/description', '/joint_states'} <= set(names)
+    assert '/chatter [std_msgs/msg/String]' in ros2('topic', 'list', '-t').stdout.splitlines()
+    assert ros2('topic', 'list', '-c').stdout == f'{len(names)}\n'
+    published = ros2('topic', 'list', '--verbose').stdout.split('Subscribed topics:')[0]
+    assert ' * /joint_states [sensor_msgs/msg/JointState] 1 publisher\n' in published
+
+
+@pytest.mark.parametrize('topic', ['/chatter', '/joint_states', '/description'])
+def test_topic_echo_connects_whatever_quality_is_offered(ros2, peer, topic: str) -> None:
+    result = ros2('topic', 'echo', '--once', topic)
+    assert result.returncode == 0
+    assert result.stdout.endswith('\n---\n')
+
+
+def test_topic_echo_prints_yaml_as_ros2cli_does(ros2, peer) -> None:
+    assert ros2('topic', 'echo', '--once', '/joint_states').stdout == (
+        "header:\n  stamp:\n    sec: 0\n    nanosec: 0\n  frame_id: ''\n"
+        'name:\n- a1\n- a2\nposition:\n- 0.5\n- -1.0\nvelocity: []\neffort: []\n---\n')
+
+
+def test_topic_echo_shows_one_field(ros2, peer) -> None:
+    echo = ('topic', 'echo', '--once', '/joint_states', '--field')
+    assert ros2(*echo, 'position').stdout == "array('d', [0.5, -1.0])\n---\n"
+    assert ros2(*echo, 'header.stamp').stdout == 'sec: 0\nnanosec: 0\n---\n'
+    refused = ros2(*echo, 'positions')
+    assert refused.returncode == 1
+    assert refused.stderr.startswith("Invalid field 'positions'")
+
+
+def test_topic_echo_truncates_unless_full_length_is_asked_for(ros2, peer) -> None:
+    echo = ('topic', 'echo', '--once', '/description')
+    assert ros2(*echo).stdout == f'data: {"a" * 128}...\n---\n'
+    assert ros2(*echo, '--truncate-length', '3').stdout == 'data: aaa...\n---\n'
+    assert ros2(*echo, '--full-length').stdout == f'data: {"a" * 200}\n---\n'
+
+
+def test_topic_echo_says_that_nobody_publishes(ros2) -> None:
+    result = ros2('topic', 'echo', '--spin-time', '0.5', '/nowhere')
+    assert result.returncode == 1
+    assert result.stderr.endswith('Could not determine the type for the passed topic\n')
+
+
+def test_node_list_shows_nodes_but_not_itself(ros2, peer) -> None:
+    assert ros2('node', 'list').stdout == '/peer\n'
+    assert '/_ros2cli_' in ros2('node', 'list', '--all').stdout
+
+
+@pytest.mark.parametrize('words', [(), ('--help',), ('topic',), ('service', 'call', '-h')])
+def test_help_is_given_at_every_level(ros2, words: tuple[str, ...]) -> None:
+    result = ros2(*words)
+    assert result.returncode == 0
+    assert result.stdout.startswith('usage: ros2')
+
+
+def test_an_unknown_verb_is_refused_with_the_choices(ros2) -> None:
+    result = ros2('topic', 'shout')
+    assert result.returncode == 2
+    assert "'shout'" in result.stderr
+    assert 'echo' in result.stderr
