@@ -46,6 +46,8 @@ def touch(probe: ActiveProbe, p_probe_sphere: Array, sphere_diameter: float) -> 
     wanted = probe.displacements(p_probe_sphere, sphere_diameter)
     free = np.isnan(wanted) | _out_of_reach(probe, p_probe_sphere, sphere_diameter)
     wanted = np.where(free, -np.inf, wanted)
+    past = _past_the_tips(probe, p_probe_sphere, np.clip(wanted, lower, upper))
+    wanted = np.where(past[:, None] & ~free, np.inf, wanted)
     status = np.full(wanted.shape, Status.OK, dtype=np.uint8)
     status[wanted <= lower] = Status.NO_CONTACT
     status[wanted >= upper] = Status.OVER_TRAVEL
@@ -59,12 +61,34 @@ def _out_of_reach(
 
     The line of a stylus goes on behind the housing, and a sphere there pushes nothing in.
     """
-    origin = np.array([stylus.origin for stylus in probe.styli])
+    origin, _ = _lines(probe)
     radius = sphere_diameter / 2 + np.array([stylus.tip_radius for stylus in probe.styli])
     distance = np.linalg.norm(p_probe_sphere[:, None, :] - origin, axis=2)
     # at an end of the stroke the tip's centre is that far from its origin: twice is well beyond
     far: NDArray[np.bool_] = distance > radius + 2 * np.abs(probe.stroke).max(axis=1)
     return far
+
+
+def _past_the_tips(
+    probe: ActiveProbe, p_probe_sphere: Array, displacement: Array
+) -> NDArray[np.bool_]:
+    """Spheres (N,) on the housing's side of the three tips.
+
+    They would read like their mirror images outside; a real one has run into the housing.
+    """
+    origin, direction = _lines(probe)
+    tips = origin + displacement[:, :, None] * direction
+    normal = np.cross(tips[:, 1] - tips[:, 0], tips[:, 2] - tips[:, 0])
+    height = np.einsum('nk,nk->n', p_probe_sphere - tips[:, 0], normal)
+    past: NDArray[np.bool_] = height * np.sign(normal @ direction.sum(axis=0)) > 0
+    return past
+
+
+def _lines(probe: ActiveProbe) -> tuple[Array, Array]:
+    """Origins (3, 3) and unit directions (3, 3) of the styli."""
+    direction = np.array([stylus.direction for stylus in probe.styli])
+    length = np.linalg.norm(direction, axis=1, keepdims=True)
+    return np.array([stylus.origin for stylus in probe.styli]), direction / length
 
 
 def seat(probe: PassiveProbe, p_probe_sphere: Array, reach: float) -> Contact:

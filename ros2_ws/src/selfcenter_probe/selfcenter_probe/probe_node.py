@@ -9,13 +9,11 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-import rclpy
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from calib_interfaces.msg import StylusDisplacements
 from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
@@ -28,7 +26,6 @@ from calib_model.description import (
     probe_yaml,
     read_description,
 )
-from calib_model.errors import CalibrationError
 from calib_model.placement import parse_placements
 from calib_model.topics import (
     GAUGE_DESCRIPTION,
@@ -39,6 +36,7 @@ from calib_model.topics import (
 )
 from selfcenter_probe.magnitudes import parse_magnitudes
 from selfcenter_probe.messages import displacements, joints_of, qos_of, stamp_of
+from selfcenter_probe.run_node import ParameterError, run_node
 from selfcenter_probe.simulation import ProbeSimulation
 from selfcenter_probe.world import World
 
@@ -52,10 +50,6 @@ FILES = {
     'world': ('selfcenter_probe', 'config/world.yaml', 'how far the truth is from all of these'),
 }
 COMPLAINT_PERIOD = 5.0  # s
-
-
-class ParameterError(CalibrationError):
-    """A parameter of the node that cannot be used."""
 
 
 class ProbeNode(Node):
@@ -140,7 +134,7 @@ class ProbeNode(Node):
             )
         return float(value)
 
-    def _latch(self, topic: Topic, text: str) -> rclpy.publisher.Publisher:
+    def _latch(self, topic: Topic, text: str) -> Publisher:
         publisher = self.create_publisher(String, topic.name, qos_of(topic))
         publisher.publish(String(data=text))
         return publisher
@@ -158,28 +152,9 @@ class ProbeNode(Node):
             self._readings.publish(message)
 
 
-def _spin() -> None:
-    try:
-        rclpy.init(args=sys.argv)
-    except RuntimeError as error:  # what rcl raises for arguments it cannot parse
-        raise ParameterError(str(error).partition(', at ')[0]) from error
-    try:
-        node = ProbeNode()
-        try:
-            rclpy.spin(node)
-        finally:
-            node.destroy_node()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    except (InvalidParameterTypeException, InvalidParameterValueException) as error:
-        raise ParameterError(str(error)) from error
-    finally:
-        rclpy.try_shutdown()
-
-
 def main() -> int:
     """Run the node until it is told to stop; 2 when a parameter or a file cannot be used."""
-    return run_command(_spin)
+    return run_command(lambda: run_node(ProbeNode))
 
 
 if __name__ == '__main__':
