@@ -10,7 +10,7 @@ from pathlib import Path
 
 import yaml
 import zstandard
-from mcap.exceptions import EndOfFile, McapError
+from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.records import Channel, Footer, Message, Schema, Statistics
 from mcap.stream_reader import StreamReader
 
@@ -115,9 +115,10 @@ def _read_file(file: Path, topics: set[str] | None, cut_allowed: bool) -> Iterat
     except _DAMAGE as error:
         if finished:
             return
-        if not channels and not schemas:
+        cut = isinstance(error, EndOfFile | struct.error) and _lacks_end(file)
+        if isinstance(error, InvalidMagic) or (cut and not channels):
             raise BagError(f'{file}: not an MCAP bag, or cut before its first chunk') from error
-        if not (cut_allowed and isinstance(error, EndOfFile | struct.error) and _lacks_end(file)):
+        if not (cut and cut_allowed):
             raise BagError(f'{file}: damaged: {error or type(error).__name__}') from error
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import struct
 from functools import cache
 from typing import Any
 
@@ -12,6 +13,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from calib_model.topics import DISPLACEMENTS, JOINT_STATE, PROBING_POSE, STRING
+
+SLACK = 64
 
 # the fields of calib_interfaces' messages, here too so that bags need no built workspace;
 # a test holds them equal to the .msg files
@@ -61,13 +64,24 @@ def type_hash(type_name: str) -> str:
 def decode(type_name: str, data: bytes) -> Any:
     """A message from its CDR bytes.
 
+    rclpy's serialize_message leaves some bytes of its memory behind messages with empty sequences,
+    and bags written with it hold them: up to `SLACK` bytes too many are let pass. (The store's own
+    `deserialize_cdr` takes 3, so the definition's decoder is called here.)
+
     Raises:
         ValueError: the bytes do not hold such a message.
     """
+    if len(data) < 4 or data[0] != 0 or data[1] > 1:
+        raise ValueError(f'not a {type_name}: not plain CDR')
+    definition = typestore().get_msgdef(type_name)
+    read = definition.deserialize_cdr_le if data[1] else definition.deserialize_cdr_be
     try:
-        return typestore().deserialize_cdr(data, type_name)
-    except SerdeError as error:  # with it rosbags wraps struct, Unicode and value errors
+        message, end = read(data[4:], 0, definition.cls, typestore())
+    except (SerdeError, struct.error, ValueError) as error:
         raise ValueError(f'not a {type_name}: {error}') from error
+    if len(data) - 4 - end > SLACK:
+        raise ValueError(f'not a {type_name}: {len(data) - 4 - end} bytes too many')
+    return message
 
 
 def encode(message: Any) -> bytes:

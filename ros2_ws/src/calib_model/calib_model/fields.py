@@ -20,13 +20,14 @@ def load_mapping(text: str, source: str, keys: tuple[str, ...]) -> Fields:
     """The top-level mapping of a YAML text that may have `keys`.
 
     Raises:
-        DescriptionError: not YAML, not a mapping, too large, or it uses aliases.
+        DescriptionError: not YAML, not a mapping, too large, a key that is there twice, or it uses
+            aliases or tags.
     """
     if len(text) > LARGEST_TEXT:
         raise DescriptionError(source, '', f'larger than {LARGEST_TEXT} characters')
     try:
-        _refuse_aliases(text, source)
-        content = yaml.safe_load(text)
+        _refuse_aliases_and_tags(text, source)
+        content = yaml.load(text, _Loader)  # a SafeLoader
     except yaml.YAMLError as error:
         mark = getattr(error, 'problem_mark', None)
         where = f'line {mark.line + 1}' if mark is not None else ''
@@ -37,14 +38,29 @@ def load_mapping(text: str, source: str, keys: tuple[str, ...]) -> Fields:
     return Fields(content, source, '', keys)
 
 
-def _refuse_aliases(text: str, source: str) -> None:
-    """Aliases make a small text stand for a huge value; descriptions have no use for them."""
-    if '*' not in text:
+def _refuse_aliases_and_tags(text: str, source: str) -> None:
+    """Aliases make a small text stand for a huge value, tags ask for types that are not ours."""
+    if '*' not in text and '!' not in text:
         return
     for token in yaml.scan(text):
-        if isinstance(token, yaml.AliasToken):
+        if isinstance(token, yaml.AliasToken | yaml.TagToken):
+            kind = 'aliases' if isinstance(token, yaml.AliasToken) else 'tags'
             where = f'line {token.start_mark.line + 1}'
-            raise DescriptionError(source, where, 'YAML aliases are not supported here')
+            raise DescriptionError(source, where, f'YAML {kind} are not supported here')
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML proper: of a key that is there twice, PyYAML takes the last without a word."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen = set()
+        for key, _ in node.value:
+            name = key.value if isinstance(key, yaml.ScalarNode) else id(key)
+            if name in seen:
+                problem = f'key {key.value!r} is there twice'
+                raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
+            seen.add(name)
+        return super().construct_mapping(node, deep)
 
 
 class Fields:

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every analytic derivative of calib_model against finite differences, in one place."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from calib_model.arm import Arm
+from calib_model.kinematics import point_derivatives, points
+from calib_model.rotation import left_jacobian, rotation_matrix
+
+STEP = 1e-3
+
+
+def differences(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
+    """d function / dx, stencil of fourth order (errors of 1e-13), shape (*result, *x)."""
+    columns = []
+    for i in range(x.size):
+        step = np.zeros(x.size)
+        step[i] = STEP
+        step = step.reshape(x.shape)
+        near = function(x + step) - function(x - step)
+        far = function(x + 2 * step) - function(x - 2 * step)
+        columns.append((8 * near - far) / (12 * STEP))
+    return np.stack(columns, axis=-1).reshape(*columns[0].shape, *x.shape)
+
+
+def test_point_derivatives(arms: list[Arm], odd_arm: Arm) -> None:
+    rng = np.random.default_rng(2)
+    for arm in (*arms, odd_arm):
+        # away from beta = 0 as well: the shipped arms have none
+        arm = arm.with_geometry(arm.geometry + rng.normal(0, 0.01, arm.geometry.shape))
+        q, p_flange = rng.uniform(-3, 3, (6, arm.n)), rng.uniform(-0.2, 0.2, 3)
+        found = point_derivatives(arm, q, p_flange)
+        np.testing.assert_allclose(found.p_base, points(arm, q, p_flange), atol=1e-14)
+
+        by_geometry = differences(
+            lambda g, arm=arm, q=q, p=p_flange: points(arm.with_geometry(g), q, p), arm.geometry
+        )
+        np.testing.assert_allclose(found.geometry, by_geometry, rtol=0, atol=2e-11)
+        by_flange = differences(lambda p, arm=arm, q=q: points(arm, q, p), p_flange)
+        np.testing.assert_allclose(found.flange, by_flange, rtol=0, atol=2e-11)
+        for row in range(len(q)):
+            by_joints = differences(
+                lambda x, arm=arm, p=p_flange: points(arm, x[None], p)[0], q[row]
+            )
+            np.testing.assert_allclose(found.joints[row], by_joints, rtol=0, atol=2e-11)
+
+
+def test_a_point_of_its_own_for_every_posture(odd_arm: Arm) -> None:
+    rng = np.random.default_rng(3)
+    q, p = rng.uniform(-3, 3, (5, odd_arm.n)), rng.uniform(-0.2, 0.2, (5, 3))
+    together = point_derivatives(odd_arm, q, p)
+    for row in range(5):
+        alone = point_derivatives(odd_arm, q[row : row + 1], p[row])
+        np.testing.assert_allclose(together.geometry[row], alone.geometry[0], atol=1e-15)
+        np.testing.assert_allclose(together.joints[row], alone.joints[0], atol=1e-15)
+
+
+def test_rotation_vector_jacobian() -> None:
+    rng = np.random.default_rng(4)
+    for size in (0.0, 1e-6, 5e-3, 0.3, 2.0, 3.1):
+        axis = rng.normal(size=3)
+        r, v = size * axis / np.linalg.norm(axis), rng.normal(size=3)
+        expected = differences(lambda x, v=v: rotation_matrix(x) @ v, r)
+        turned = rotation_matrix(r) @ v
+        cross = np.cross(np.eye(3), turned)  # rows e_i x w, so its transpose is -[w]_x e_i
+        found = cross.T @ left_jacobian(r)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10)
