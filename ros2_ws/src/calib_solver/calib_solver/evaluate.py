@@ -3,31 +3,26 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
 
-from calib_model.command import run_command
+from calib_model.command import CommandParser, run_command
 from calib_solver.loading import Sources, load
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
 from calib_solver.result import Record, quality_record, sphere_records
 
+ABOUT = """\
+Distance errors and 2 sigma of probing poses under given parameters; JSON on stdout, SI units."""
 EXAMPLE = """example:
   ros2 run calib_solver evaluate bags/demo_test --arm output/demo/arm.yaml
 """
 
 
-def arguments() -> argparse.ArgumentParser:
+def arguments() -> CommandParser:
     """The command line of `evaluate`."""
-    parser = argparse.ArgumentParser(
-        prog='evaluate',
-        description='Distance errors and 2 sigma of probing poses under given parameters; '
-        'JSON on stdout, SI units.',
-        epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = CommandParser('evaluate', ABOUT, EXAMPLE)
     parser.add_argument('bag', nargs='+', metavar='BAG', help='bag folder or .mcap file')
     parser.add_argument('--arm', default='', metavar='YAML', help="this arm, not the bag's")
     parser.add_argument('--probe', default='', metavar='YAML', help="this probe, not the bag's")

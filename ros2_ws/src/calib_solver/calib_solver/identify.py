@@ -3,31 +3,27 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 
-from calib_model.command import run_command
+from calib_model.command import CommandParser, run_command
 from calib_solver.identification import Options
 from calib_solver.loading import Calibration, Sources, calibrate
 from calib_solver.objectives import OBJECTIVES
 from calib_solver.prior import chosen_prior
 from calib_solver.summary import summary
 
+ABOUT = """\
+Identify the Denavit-Hartenberg parameters of an arm, and where the probe sits on its flange,
+from bags of probing poses."""
 EXAMPLE = """example:
   ros2 run calib_solver identify bags/demo --test bags/demo_test --output output/demo
 """
 
 
-def arguments() -> argparse.ArgumentParser:
+def arguments() -> CommandParser:
     """The command line of `identify`."""
-    parser = argparse.ArgumentParser(
-        prog='identify',
-        description='Identify the Denavit-Hartenberg parameters of an arm, and where the probe '
-        'sits on its flange, from bags of probing poses.',
-        epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = CommandParser('identify', ABOUT, EXAMPLE)
     parser.add_argument(
         'bag',
         nargs='+',
