@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 
 ROOT = Path(__file__).resolve().parent.parent
 STAND_IN = ROOT / 'tools' / 'ros2' / 'ros2'
@@ -28,12 +30,12 @@ def environment() -> dict[str, str]:
 
 
 @pytest.fixture(scope='module')
-def peer(environment: dict[str, str]) -> Iterator[None]:
+def peer(environment: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
     with subprocess.Popen([sys.executable, PEER], env=environment, stdout=subprocess.PIPE,
                           text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == 'ready\n'
-        yield
+        yield process
         process.send_signal(signal.SIGINT)
 
 
@@ -225,6 +227,123 @@ def test_topic_echo_says_that_nobody_publishes(ros2) -> None:
 def test_node_list_shows_nodes_but_not_itself(ros2, peer) -> None:
     assert ros2('node', 'list').stdout == '/peer\n'
     assert '/_ros2cli_' in ros2('node', 'list', '--all').stdout
+
+
+def test_topic_hz_prints_the_rate_as_ros2cli_does(environment, peer) -> None:
+    with subprocess.Popen([STAND_IN, 'topic', 'hz', '/chatter'], env=environment,
+                          stdout=subprocess.PIPE, text=True) as process:
+        lines = [process.stdout.readline() for _ in range(4)]
+        process.send_signal(signal.SIGINT)
+    rate = re.fullmatch(r'average rate: (\d+\.\d{3})\n', lines[2])
+    assert rate is not None
+    assert 15 < float(rate[1]) < 21  # published at 20 Hz
+    assert re.fullmatch(r'\tmin: [\d.]+s max: [\d.]+s std dev: [\d.]+s window: \d+\n', lines[3])
+
+
+CAPTURE = 'calib_interfaces/action/Capture'
+
+
+def test_action_list_shows_names_and_types(ros2, peer) -> None:
+    assert ros2('action', 'list').stdout == '/run\n'
+    assert ros2('action', 'list', '-t').stdout == f'/run [{CAPTURE}]\n'
+
+
+def test_send_goal_prints_feedback_and_result_as_ros2cli_does(ros2, peer) -> None:
+    result = ros2('action', 'send_goal', '--feedback', '/run', CAPTURE,
+                  '{poses_per_sphere: 2, bag: here}')
+    assert result.returncode == 0
+    steps = re.findall(r'^(?:[A-Z][\w ]*:|\w[^:]*\.\.\.)', result.stdout, re.MULTILINE)
+    assert steps == ['Waiting for an action server to become available...', 'Sending goal:',
+                     'Goal accepted with ID:', 'Feedback:', 'Feedback:', 'Result:',
+                     'Goal finished with status:']
+    assert result.stdout.endswith('Goal finished with status: SUCCEEDED\n')
+    assert "Result:\n    success: true\nmessage: ''\nbag: here\n" in result.stdout
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_goal_is_cancelled_first(environment, peer, number) -> None:
+    with subprocess.Popen([STAND_IN, 'action', 'send_goal', '/run', CAPTURE,
+                           '{poses_per_sphere: 200}'], env=environment, stdout=subprocess.PIPE,
+                          text=True) as process:
+        while not process.stdout.readline().startswith('Goal accepted'):
+            assert process.poll() is None
+        process.send_signal(number)
+        output, _ = process.communicate(timeout=10)
+    assert output.endswith('Canceling goal...\nGoal canceled.\n')
+    assert process.returncode == number
+    assert peer.stdout.readline() == 'cancelled\n'
+
+
+def test_parameters_are_listed_read_and_set(ros2, peer) -> None:
+    assert '  rate\n' in ros2('param', 'list', '/peer').stdout
+    assert ros2('param', 'get', '/peer', 'rate').stdout == 'Double value is: 5.0\n'
+    assert ros2('param', 'set', '/peer', 'rate', '7.5').stdout == 'Set parameter successful\n'
+    assert ros2('param', 'get', '--hide-type', 'peer', 'rate').stdout == '7.5\n'
+
+
+def test_a_parameter_of_another_type_is_refused(ros2, peer) -> None:
+    refused = ros2('param', 'set', '/peer', 'rate', 'fast')
+    assert refused.returncode == 1
+    assert refused.stderr.startswith('Setting parameter failed: ')
+
+
+def test_parameters_that_are_not_there_are_refused(ros2, peer) -> None:
+    assert ros2('param', 'get', '/peer', 'speed').stderr == 'Parameter not set\n'
+    assert ros2('param', 'get', '/nobody', 'x', '--timeout', '0.5').stderr == 'Node not found\n'
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    """A bag as another program writes it: three texts half a second apart."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    text = store.types['std_msgs/msg/String']
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topic = writer.add_connection('/replayed', text.__msgtype__, typestore=store)
+        for number in range(3):
+            data = store.serialize_cdr(text(f'text {number}'), text.__msgtype__)
+            writer.write(topic, 10**18 + number * 500_000_000, data)
+    return tmp_path / 'bag'
+
+
+def test_bag_info_says_what_is_in_a_bag(ros2, bag: Path) -> None:
+    lines = ros2('bag', 'info', str(bag)).stdout.splitlines()
+    assert 'Duration:          1.000000001s' in lines or 'Duration:          1.000000000s' in lines
+    assert 'Messages:          3' in lines
+    assert 'Storage id:        mcap' in lines
+    assert ('Topic information: Topic: /replayed | Type: std_msgs/msg/String | Count: 3 | '
+            'Serialization Format: cdr') in lines
+
+
+def test_bag_info_says_what_is_wrong_in_one_line(ros2, tmp_path: Path) -> None:
+    missing = ros2('bag', 'info', str(tmp_path / 'nothing'))
+    assert (missing.returncode, missing.stderr.count('\n')) == (1, 1)
+    assert 'does not exist' in missing.stderr
+    (tmp_path / 'metadata.yaml').write_text('something else')
+    assert 'rosbag2_bagfile_information' in ros2('bag', 'info', str(tmp_path)).stderr
+
+
+def test_bag_play_publishes_what_was_recorded(environment, ros2, bag: Path) -> None:
+    echo = [STAND_IN, 'topic', 'echo', '/replayed', 'std_msgs/msg/String', '--qos-reliability',
+            'reliable', '--field', 'data']
+    with subprocess.Popen(echo, env=environment, stdout=subprocess.PIPE, text=True) as listener:
+        time.sleep(1.5)
+        assert ros2('bag', 'play', str(bag), '--rate', '2').returncode == 0
+        heard = [listener.stdout.readline().strip() for _ in range(6)]
+        listener.send_signal(signal.SIGINT)
+    assert heard == ['text 0', '---', 'text 1', '---', 'text 2', '---']
+
+
+def test_packages_and_their_executables_are_found(ros2) -> None:
+    assert {'calib_solver', 'rclpy'} <= set(ros2('pkg', 'list').stdout.split())
+    assert ros2('pkg', 'executables', 'calib_bringup').stdout == 'calib_bringup demo\n'
+    prefix = Path(ros2('pkg', 'prefix', 'calib_solver').stdout.strip())
+    assert (prefix / 'lib' / 'calib_solver' / 'identify').is_file()
+
+
+def test_interface_show_puts_nested_messages_below_their_field(ros2) -> None:
+    shown = ros2('interface', 'show', 'calib_interfaces/msg/ProbingPose', '--no-comments').stdout
+    assert shown.splitlines()[:5] == ['std_msgs/Header header', '\tbuiltin_interfaces/Time stamp',
+                                      '\t\tint32 sec', '\t\tuint32 nanosec', '\tstring frame_id']
 
 
 @pytest.mark.parametrize('words', [(), ('--help',), ('topic',), ('service', 'call', '-h')])

@@ -2,16 +2,18 @@
 """A node that looks at the graph, and what it sees there."""
 
 import argparse
+import math
 import os
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from types import FrameType
+from typing import Any, NoReturn
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
 from .command_line import Terminated
@@ -26,28 +28,31 @@ def add_discovery_arguments(parser: argparse.ArgumentParser) -> None:
                         help='Accepted for likeness: there is never a daemon here')
 
 
+def terminate(number: int, frame: FrameType | None) -> NoReturn:
+    raise Terminated
+
+
 @contextmanager
 def graph_node(purpose: str = 'node', spin_time: float = 0.0) -> Iterator[Node]:
     """A hidden node that has listened to the graph for `spin_time` seconds."""
-    rclpy.init(args=[])
+    # rclpy's own handlers end the context at once; here a goal may have to be cancelled first.
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    signal.signal(signal.SIGTERM, terminate)
     node = rclpy.create_node(f'_ros2cli_{purpose}_{os.getpid()}', start_parameter_services=False,
                              enable_rosout=False)
     try:
         wait_until(node, lambda: False, spin_time)
         yield node
-    except (ExternalShutdownException, rclpy_implementation.RCLError):
-        # On SIGINT Python has raised KeyboardInterrupt before; on SIGTERM the context just ends,
-        # and whatever uses it next says so in one of these two ways.
-        if rclpy.ok():
-            raise
-        raise Terminated from None
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
 
 
 def wait_until(node: Node, condition: Callable[[], bool], seconds: float) -> bool:
-    """Spin until the condition holds; False where it does not within `seconds`."""
+    """Spin until the condition holds; False where it does not within `seconds`.
+
+    It spins in short turns, because Python sees a signal between them only.
+    """
     end = time.monotonic() + seconds
     while not condition():
         if time.monotonic() >= end:
@@ -61,6 +66,19 @@ def wait_for(node: Node, find: Callable[[], Sequence[Any]], seconds: float = 3.0
     found = wait_until(node, lambda: bool(find()), seconds)
     wait_until(node, lambda: False, 0.2 if found else 0.0)
     return found
+
+
+def answer(node: Node, future: Any) -> Any:
+    """Result of a request that a client has sent."""
+    wait_until(node, future.done, math.inf)
+    return future.result()
+
+
+def node_names(node: Node, include_hidden: bool = False) -> list[str]:
+    """Full names of the running nodes."""
+    return sorted(f'{space.rstrip("/")}/{name}'
+                  for name, space in node.get_node_names_and_namespaces()
+                  if include_hidden or not name.startswith('_'))
 
 
 def visible(names_and_types: NamesAndTypes, include_hidden: bool) -> NamesAndTypes:

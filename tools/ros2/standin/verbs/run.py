@@ -4,11 +4,10 @@
 import argparse
 import os
 import shlex
-from pathlib import Path
-
-from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+from typing import NoReturn
 
 from ..command_line import Refusal
+from ..packages import executables
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,15 +20,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> None:
-    try:
-        prefix = get_package_prefix(args.package_name)
-    except (PackageNotFoundError, ValueError):
-        raise Refusal(f"Package '{args.package_name}' not found") from None
-    path = Path(prefix, 'lib', args.package_name, args.executable_name)
-    if not path.is_file() or not os.access(path, os.X_OK):
+    start(args.package_name, args.executable_name, args.argv, shlex.split(args.prefix or ''))
+
+
+def start(package: str, name: str, argv: list[str], prefix: list[str]) -> NoReturn:
+    """Become the executable, so that signals and the exit code need no passing on."""
+    path = next((path for path in executables(package) if path.name == name), None)
+    if path is None:
         raise Refusal('No executable found')
-    command = [*shlex.split(args.prefix or ''), str(path), *args.argv]
-    # In place of this process, so that signals and the exit code need no passing on.
+    command = [*prefix, str(path), *argv]
     try:
         os.execvp(command[0], command)
     except OSError as error:

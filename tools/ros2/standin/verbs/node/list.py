@@ -4,7 +4,7 @@
 import argparse
 import sys
 
-from ...graph import add_discovery_arguments, graph_node
+from ...graph import add_discovery_arguments, graph_node, node_names
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,9 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> None:
     with graph_node(spin_time=args.spin_time) as node:
-        found = node.get_node_names_and_namespaces()
-    names = sorted(f'{space.rstrip("/")}/{name}' for name, space in found
-                   if args.all or not name.startswith('_'))
+        names = node_names(node, args.all)
     if args.count_nodes:
         print(len(names))
         return

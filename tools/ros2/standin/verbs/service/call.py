@@ -7,11 +7,9 @@ import sys
 import time
 from typing import Any
 
-import rclpy
-
-from ...command_line import Refusal, Terminated
+from ...command_line import Refusal
 from ...fields import fill, parse
-from ...graph import graph_node, wait_until
+from ...graph import answer, graph_node, wait_until
 from ...interfaces import interface
 
 
@@ -50,8 +48,4 @@ def main(args: argparse.Namespace) -> None:
 
 def call(node: Any, client: Any, request: Any) -> None:
     print(f'requester: making request: {request!r}\n')
-    future = client.call_async(request)
-    rclpy.spin_until_future_complete(node, future)
-    if not future.done():
-        raise Terminated
-    print(f'response:\n{future.result()!r}\n')
+    print(f'response:\n{answer(node, client.call_async(request))!r}\n')

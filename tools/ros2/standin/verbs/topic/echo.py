@@ -2,14 +2,14 @@
 """Output messages from a topic."""
 
 import argparse
+import math
 from typing import Any
 
-import rclpy
 from rclpy.task import Future
 
-from ...command_line import Refusal, Terminated
+from ...command_line import Refusal
 from ...fields import TRUNCATE_LENGTH, as_yaml
-from ...graph import absolute, add_discovery_arguments, graph_node, wait_for
+from ...graph import absolute, add_discovery_arguments, graph_node, wait_for, wait_until
 from ...subscribing import add_qos_arguments, chosen_qos, topic_type
 
 
@@ -53,11 +53,8 @@ def main(args: argparse.Namespace) -> None:
         wait_for(node, lambda: node.get_publishers_info_by_topic(topic), args.spin_time)
         kind = topic_type(node, topic, args.message_type)
         node.create_subscription(kind, topic, show, chosen_qos(node, topic, args))
-        rclpy.spin_until_future_complete(node, finished, timeout_sec=args.timeout)
-        if finished.done():
+        if wait_until(node, finished.done, args.timeout or math.inf):
             finished.result()
-        elif not rclpy.ok():
-            raise Terminated
 
 
 def shown(message: Any, field: str | None, truncate: int | None, flow: bool) -> str:

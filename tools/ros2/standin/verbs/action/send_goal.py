@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Send an action goal."""
+
+import argparse
+import math
+import sys
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+from rclpy.node import Node
+
+from ...command_line import Refusal, Terminated
+from ...fields import as_yaml, fill, parse
+from ...graph import answer, graph_node, wait_until
+from ...interfaces import interface
+
+STATES = ('ACCEPTED', 'EXECUTING', 'CANCELING', 'SUCCEEDED', 'CANCELED', 'ABORTED')
+STATE_NAMES = {getattr(GoalStatus, f'STATUS_{name}'): name for name in STATES}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('action_name', help="Name of the ROS action (e.g. '/capture/run')")
+    parser.add_argument('action_type',
+                        help="Type of the ROS action (e.g. 'calib_interfaces/action/Capture')")
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument('goal', nargs='?', default='{}',
+                       help="Goal request values in YAML format (e.g. '{bag: here}')")
+    group.add_argument('--stdin', action='store_true', help='Read goal from standard input')
+    parser.add_argument('-f', '--feedback', action='store_true',
+                        help='Echo feedback messages for the goal')
+
+
+def main(args: argparse.Namespace) -> None:
+    action = interface(args.action_type, 'action')
+    goal = action.Goal()
+    fill(goal, parse(sys.stdin.read() if args.stdin else args.goal))
+    with graph_node('send_goal') as node:
+        client = ActionClient(node, action, args.action_name)
+        try:
+            send(node, client, goal, show_feedback if args.feedback else None)
+        finally:
+            client.destroy()
+
+
+def send(node: Node, client: ActionClient, goal: Any, feedback: Any) -> None:
+    print('Waiting for an action server to become available...')
+    wait_until(node, client.server_is_ready, math.inf)
+    print(f'Sending goal:\n     {as_yaml(goal)}')
+    handle = answer(node, client.send_goal_async(goal, feedback))
+    if not handle.accepted:
+        print('Goal was rejected.')
+        return
+    print(f'Goal accepted with ID: {bytes(handle.goal_id.uuid).hex()}\n')
+    try:
+        result = answer(node, handle.get_result_async())
+    except (KeyboardInterrupt, Terminated):
+        cancel(node, handle)
+        raise
+    print(f'Result:\n    {as_yaml(result.result)}')
+    print(f'Goal finished with status: {STATE_NAMES.get(result.status, "UNKNOWN")}')
+
+
+def cancel(node: Node, handle: Any) -> None:
+    print('Canceling goal...')
+    if not answer(node, handle.cancel_goal_async()).goals_canceling:
+        raise Refusal('Failed to cancel goal')
+    print('Goal canceled.')
+
+
+def show_feedback(message: Any) -> None:
+    print(f'Feedback:\n    {as_yaml(message.feedback)}')
