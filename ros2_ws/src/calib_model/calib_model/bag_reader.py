@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -47,7 +48,7 @@ def bag_files(path: str | Path) -> list[Path]:
         BagError: there is no bag at `path`.
     """
     path = Path(path)
-    if not path.exists():
+    if not os.path.exists(path):  # false, too, for a name that no file can have
         raise BagError(f'{path}: no such bag')
     if path.is_file():
         return [path]

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,7 +32,7 @@ class Sources:
 
 def bag_list(text: str) -> tuple[str, ...]:
     """The bags a request names: one path, or several separated by ':'."""
-    if not text or Path(text).exists():
+    if not text or os.path.exists(text):
         return (text,) if text else ()
     return tuple(part for part in text.split(':') if part)
 
