@@ -29,7 +29,7 @@ test: lint
 	@source ./env.bash && python -m pytest
 
 bench: setup
-	@source ./env.bash && python benchmarks/run.py
+	@source ./env.bash && python -m benchmarks.run
 
 clean:
 	rm -rf .venv ros2_ws/build ros2_ws/install ros2_ws/log output

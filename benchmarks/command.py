@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`identify BAG` as a user calls it: interpreter, bag, eq. 15 and results included."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from benchmarks.measuring import Part, Row, Target, best_of, timed
+from benchmarks.problems import faro_measurement
+from calib_model.bag import write_measurement
+
+#: seconds, on 2 cores
+LIMIT = 2.0
+BARE = 'python, numpy imported'
+
+
+def whole_command(poses: int, rounds: int) -> Part:
+    """Seconds of the module and, where `ros2` is on the path, of the documented command."""
+    with TemporaryDirectory() as folder:
+        bag = Path(folder) / 'bag'
+        write_measurement(bag, faro_measurement(poses, active=True))
+        words = [str(bag), '--output', str(Path(folder) / 'results')]
+        contenders = {
+            BARE: _run([sys.executable, '-c', 'import numpy']),
+            'nothing but --help': _run([sys.executable, '-m', 'calib_solver.identify', '--help']),
+            'identify BAG': _run([sys.executable, '-m', 'calib_solver.identify', *words]),
+        }
+        if shutil.which('ros2'):
+            command = ['ros2', 'run', 'calib_solver', 'identify', *words]
+            contenders['ros2 run calib_solver identify BAG'] = _run(command)
+        best = best_of(contenders, rounds)
+    rows = tuple(Row(name, s, s / best[BARE], BARE) for name, s in best.items())
+    targets = (Target('the slowest of these, seconds', max(best.values()), LIMIT),)
+    return Part(f'the whole command on a bag of {poses} poses, active probe', rows, targets)
+
+
+def _run(command: list[str]) -> Callable[[], float]:
+    return timed(lambda: subprocess.run(command, check=True, capture_output=True, timeout=300))

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`make bench`: every part in turn, ratios on stdout, the same in output/bench.json."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import scipy
+
+from benchmarks.command import whole_command
+from benchmarks.kernel import against_numpy
+from benchmarks.measuring import Part, table
+from benchmarks.peers import against_pybotics, against_scipy
+from benchmarks.problems import CHAPTER
+from benchmarks.reference import compare
+from benchmarks.scale import SIZES, scale
+
+ROOT = Path(__file__).resolve().parents[1]
+REFERENCE = 'CERES_REFERENCE'
+DEFAULT_REFERENCE = ROOT.parent / 'shared/bench/ceres_reference.cpp'
+
+
+def arguments() -> argparse.ArgumentParser:
+    """The command line of the benchmarks."""
+    parser = argparse.ArgumentParser(prog='benchmarks', description=__doc__)
+    parser.add_argument('--part', action='append', choices=PARTS, help='only these')
+    parser.add_argument('--rounds', type=int, default=7, help='turns of each contender')
+    parser.add_argument('--poses', type=int, default=CHAPTER)
+    parser.add_argument('--sizes', type=int, nargs='+', default=SIZES, help='of the scale part')
+    parser.add_argument(
+        '--reference', type=Path, default=os.environ.get(REFERENCE, DEFAULT_REFERENCE),
+        help=f'C++ source to build and compare with (or the variable {REFERENCE})',
+    )  # fmt: skip
+    parser.add_argument('--strict', action='store_true', help='exit with 1 when a target is missed')
+    parser.add_argument('--output', type=Path, default=ROOT / 'output/bench.json')
+    return parser
+
+
+Given = argparse.Namespace
+PARTS: dict[str, Callable[[Given], Part]] = {
+    'reference': lambda given: compare(given.reference, given.poses, given.rounds),
+    'scipy': lambda given: against_scipy(given.poses, min(given.rounds, 3)),
+    'pybotics': lambda given: against_pybotics(given.poses),
+    'kernel': lambda given: against_numpy(given.poses, given.rounds),
+    'scale': lambda given: scale(tuple(given.sizes), min(given.rounds, 3)),
+    'command': lambda given: whole_command(given.poses, given.rounds),
+}
+
+
+def run(given: Given) -> Iterator[tuple[str, Part]]:
+    """The chosen parts, each as soon as it is done."""
+    for name in given.part or PARTS:
+        yield name, PARTS[name](given)
+
+
+def machine() -> dict[str, object]:
+    """What the absolute times depend on."""
+    return {
+        'cores': os.cpu_count(), 'processor': platform.machine(),
+        'python': platform.python_version(), 'numpy': np.__version__, 'scipy': scipy.__version__,
+    }  # fmt: skip
+
+
+def record(parts: dict[str, Part]) -> dict[str, object]:
+    """The content of bench.json."""
+    content: dict[str, object] = {'schema': 1, 'machine': machine()}
+    content['parts'] = {
+        name: {**asdict(part), 'targets': [{**asdict(t), 'met': t.met} for t in part.targets]}
+        for name, part in parts.items()
+    }
+    return content
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point: exit code 0, with --strict 1 when a target is missed."""
+    given = arguments().parse_args(argv)
+    parts: dict[str, Part] = {}
+    for name, part in run(given):
+        print(table(part) + '\n', flush=True)
+        parts[name] = part
+    given.output.parent.mkdir(parents=True, exist_ok=True)
+    given.output.write_text(json.dumps(record(parts), indent=1) + '\n', encoding='utf-8')
+    print(f'wrote {given.output}')
+    missed = [target for part in parts.values() for target in part.targets if not target.met]
+    return 1 if given.strict and missed else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
