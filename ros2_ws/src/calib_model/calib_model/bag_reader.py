@@ -67,10 +67,15 @@ def _listed_files(folder: Path) -> list[Path]:
         return []
     try:
         content = yaml.safe_load(metadata.read_text(encoding='utf-8'))
-        names = content['rosbag2_bagfile_information']['relative_file_paths']
-        return [folder / Path(str(name)).name for name in names]
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, TypeError, KeyError) as error:
+        information = content['rosbag2_bagfile_information']
+        files = [folder / Path(str(name)).name for name in information['relative_file_paths']]
+        mode = str(information.get('compression_mode') or '').lower()
+    except (OSError, ValueError, yaml.YAMLError, TypeError, KeyError, AttributeError) as error:
         raise BagError(f'{metadata}: not a rosbag2 metadata file') from error
+    if mode in ('file', 'message'):
+        # around the MCAP, not within it as rosbag2's storage presets do
+        raise BagError(f'{folder}: every {mode} is compressed by rosbag2, which is not read here')
+    return files
 
 
 def read_messages(

@@ -191,3 +191,10 @@ def test_a_pose_that_is_no_number_is_refused(measured: Measurement, tmp_path: Pa
         bag.write_message(CAPTURE_POSES, pose, 5)
     with pytest.raises(DataError, match='pose 1 .* has a joint that is not finite'):
         read_measurement(tmp_path / 'bag')
+
+
+@pytest.mark.parametrize('text', ['[]', 'x: 1', 'rosbag2_bagfile_information: [1]', '3', '\x00'])
+def test_metadata_of_any_other_kind_is_named(text: str, tmp_path: Path) -> None:
+    (tmp_path / 'metadata.yaml').write_text(text)
+    with pytest.raises(BagError, match=r'metadata\.yaml: not a rosbag2 metadata file'):
+        read_measurement(tmp_path)

@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calib_capture.playback import OfferedQos, Timing, offered_qos, read_playback
+from calib_model import cdr
+from calib_model.bag_writer import BagWriter
+from calib_model.errors import BagError
+from calib_model.topics import ARM_DESCRIPTION, JOINT_STATES, PROBE_DISPLACEMENTS, Topic
+
+
+@pytest.mark.parametrize('topic', [ARM_DESCRIPTION, JOINT_STATES, PROBE_DISPLACEMENTS])
+def test_offered_qos_is_that_of_the_topic(topic: Topic, tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.write_message(topic, cdr.string('x'), 1)
+    (message,) = read_playback(tmp_path / 'bag').latched or read_playback(tmp_path / 'bag').timed
+    found = offered_qos(message.offered_qos)
+    assert found == OfferedQos(topic.depth, topic.reliable, topic.latched)
+
+
+def test_older_bags_numbers_are_understood() -> None:
+    text = '- history: 1\n  depth: 7\n  reliability: 2\n  durability: 1\n'
+    assert offered_qos(text) == OfferedQos(depth=7, reliable=False, latched=True)
+
+
+@pytest.mark.parametrize('text', ['', 'x', '[]', '[3]', '{', '- depth: -1', '- depth: many'])
+def test_without_usable_qos_every_volatile_subscriber_is_served(text: str) -> None:
+    assert offered_qos(text) == OfferedQos(depth=100, reliable=True, latched=False)
+
+
+def test_latched_first_then_by_log_time_whatever_the_files_order(tmp_path: Path) -> None:
+    def state(i: int) -> object:
+        return cdr.joint_state(i, '', [], np.zeros(0))
+
+    with BagWriter(tmp_path / 'bag') as bag:
+        for i in (30, 10, 20):
+            bag.write_message(JOINT_STATES, state(i), i)
+        bag.write_message(ARM_DESCRIPTION, cdr.string('first'), 25)
+        bag.write_message(ARM_DESCRIPTION, cdr.string('second'), 40)
+    playback = read_playback(tmp_path / 'bag')
+    assert [cdr.decode(m.type, m.data).data for m in playback.latched] == ['first']
+    assert [m.log_time for m in playback.timed] == [10, 20, 30, 40]
+    assert playback.span == (10, 40)
+    assert len(playback) == 5
+
+
+def test_a_bag_without_messages_is_refused(tmp_path: Path) -> None:
+    BagWriter(tmp_path / 'bag').close()
+    with pytest.raises(BagError, match='no messages'):
+        read_playback(tmp_path / 'bag')
+
+
+def test_time_passes_at_the_rate_and_never_early() -> None:
+    ticks: list[int] = []
+    begun = time.monotonic()
+    timing = Timing(5_000_000_000, 10.0, ticks.append)
+    timing.wait_until(5_000_000_000)
+    timing.wait_until(8_000_000_000)
+    assert 0.3 <= time.monotonic() - begun < 1.0
+    assert timing.now() >= 8_000_000_000
+    assert ticks == sorted(ticks)
+    assert 10 <= len(ticks) <= 40
+    assert 5_000_000_000 <= ticks[0] < 5_500_000_000
