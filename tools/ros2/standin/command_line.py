@@ -18,8 +18,12 @@ from types import ModuleType
 from . import verbs
 
 
-class Terminated(Exception):
-    """SIGTERM came while the graph was being used."""
+class Interrupted(Exception):
+    """A signal came while the graph was being used."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.strsignal(number))
+        self.number = number
 
 
 class Refusal(Exception):
@@ -86,8 +90,8 @@ def run(verb: ModuleType, args: argparse.Namespace) -> int:
         return 1
     except KeyboardInterrupt:
         return int(signal.SIGINT)
-    except Terminated:
-        return int(signal.SIGTERM)
+    except Interrupted as interrupted:
+        return interrupted.number
     except BrokenPipeError:
         sys.stdout = None  # the reader has gone; nothing is left to be flushed to it
         return int(signal.SIGPIPE)

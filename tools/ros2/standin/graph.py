@@ -9,14 +9,14 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any, NoReturn
+from typing import Any
 
 import rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
-from .command_line import Terminated
+from .command_line import Interrupted
 
 NamesAndTypes = list[tuple[str, list[str]]]
 
@@ -28,8 +28,35 @@ def add_discovery_arguments(parser: argparse.ArgumentParser) -> None:
                         help='Accepted for likeness: there is never a daemon here')
 
 
-def terminate(number: int, frame: FrameType | None) -> NoReturn:
-    raise Terminated
+class Signals:
+    """Remembers a signal until `wait_until` is between two turns.
+
+    An exception out of a signal handler could end up in the middle of rclpy.
+    """
+
+    NUMBERS = (signal.SIGINT, signal.SIGTERM)
+
+    def __init__(self) -> None:
+        self._received: int | None = None
+
+    def listen(self) -> None:
+        for number in self.NUMBERS:
+            if signal.getsignal(number) != signal.SIG_IGN:
+                signal.signal(number, self._note)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        self._received = number
+        # Who cannot wait for the end of what follows may signal once more.
+        for each in self.NUMBERS:
+            signal.signal(each, signal.SIG_DFL)
+
+    def check(self) -> None:
+        number, self._received = self._received, None
+        if number is not None:
+            raise Interrupted(number)
+
+
+_signals = Signals()
 
 
 @contextmanager
@@ -37,7 +64,7 @@ def graph_node(purpose: str = 'node', spin_time: float = 0.0) -> Iterator[Node]:
     """A hidden node that has listened to the graph for `spin_time` seconds."""
     # rclpy's own handlers end the context at once; here a goal may have to be cancelled first.
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    signal.signal(signal.SIGTERM, terminate)
+    _signals.listen()
     node = rclpy.create_node(f'_ros2cli_{purpose}_{os.getpid()}', start_parameter_services=False,
                              enable_rosout=False)
     try:
@@ -51,13 +78,15 @@ def graph_node(purpose: str = 'node', spin_time: float = 0.0) -> Iterator[Node]:
 def wait_until(node: Node, condition: Callable[[], bool], seconds: float) -> bool:
     """Spin until the condition holds; False where it does not within `seconds`.
 
-    It spins in short turns, because Python sees a signal between them only.
+    Raises:
+        Interrupted: a signal came; waiting again is possible, for what has to be put in order.
     """
     end = time.monotonic() + seconds
     while not condition():
         if time.monotonic() >= end:
             return False
         rclpy.spin_once(node, timeout_sec=0.05)
+        _signals.check()
     return True
 
 

@@ -10,7 +10,7 @@ from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from rclpy.node import Node
 
-from ...command_line import Refusal, Terminated
+from ...command_line import Interrupted, Refusal
 from ...fields import as_yaml, fill, parse
 from ...graph import answer, graph_node, wait_until
 from ...interfaces import interface
@@ -47,21 +47,24 @@ def send(node: Node, client: ActionClient, goal: Any, feedback: Any) -> None:
     print('Waiting for an action server to become available...')
     wait_until(node, client.server_is_ready, math.inf)
     print(f'Sending goal:\n     {as_yaml(goal)}')
-    handle = answer(node, client.send_goal_async(goal, feedback))
-    if not handle.accepted:
-        print('Goal was rejected.')
-        return
-    print(f'Goal accepted with ID: {bytes(handle.goal_id.uuid).hex()}\n')
+    sent = client.send_goal_async(goal, feedback)
     try:
+        handle = answer(node, sent)
+        if not handle.accepted:
+            print('Goal was rejected.')
+            return
+        print(f'Goal accepted with ID: {bytes(handle.goal_id.uuid).hex()}\n')
         result = answer(node, handle.get_result_async())
-    except (KeyboardInterrupt, Terminated):
-        cancel(node, handle)
+    except Interrupted:
+        cancel(node, answer(node, sent))
         raise
     print(f'Result:\n    {as_yaml(result.result)}')
     print(f'Goal finished with status: {STATE_NAMES.get(result.status, "UNKNOWN")}')
 
 
 def cancel(node: Node, handle: Any) -> None:
+    if not handle.accepted:
+        return
     print('Canceling goal...')
     if not answer(node, handle.cancel_goal_async()).goals_canceling:
         raise Refusal('Failed to cancel goal')

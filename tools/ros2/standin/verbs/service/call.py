@@ -43,7 +43,7 @@ def main(args: argparse.Namespace) -> None:
             call(node, client, request)
             if args.rate is None:
                 break
-            time.sleep(max(0.0, start + 1 / args.rate - time.monotonic()))
+            wait_until(node, lambda: False, start + 1 / args.rate - time.monotonic())
 
 
 def call(node: Any, client: Any, request: Any) -> None:
