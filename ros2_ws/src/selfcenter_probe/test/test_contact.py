@@ -43,12 +43,12 @@ def test_ok_means_that_this_tip_touches_this_sphere_within_its_stroke(center):
             assert LOWER[i] < displacement[i] < UPPER[i]
         elif status[i] == Status.NO_CONTACT:
             assert displacement[i] == LOWER[i]
-            # a free stylus stands clear of the sphere, unless the sphere went through the housing
+            # a free stylus stands clear of the sphere, unless the sphere went into the housing
             assert gap[i] > -1e-9 or np.linalg.norm(center) > 0.005
         else:
             assert status[i] == Status.OVER_TRAVEL
             assert displacement[i] == UPPER[i]
-            assert gap[i] < 1e-9
+            assert gap[i] < 1e-9 or np.linalg.norm(center) > 0.005
 
 
 @given(points(0.030))
