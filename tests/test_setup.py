@@ -81,7 +81,7 @@ def test_an_unsuited_python_is_one_line(commands: Path, found: str) -> None:
     script(commands / 'python3', f'echo {found}')
     line = only_line(preflight(commands))
     assert 'CPython 3.10 to 3.13 is needed' in line
-    assert f'python3 is {found}' in line
+    assert f'/python3 is {found}' in line
 
 
 def test_a_python_that_only_fails_is_passed_over(commands: Path) -> None:
@@ -92,9 +92,17 @@ def test_a_python_that_only_fails_is_passed_over(commands: Path) -> None:
     assert result.stdout == f'{commands}/python3.12\n'
 
 
+def test_a_complete_python_is_preferred(commands: Path) -> None:
+    base_python = Path(sys.base_prefix, 'bin', f'python3.{sys.version_info[1]}')
+    (commands / 'python3').rename(commands / 'python3.12')
+    script(commands / 'python3',
+           f'case "$2" in *ensurepip*) exit 1 ;; esac; exec {base_python} "$@"')
+    assert preflight(commands).stdout == f'{commands}/python3.12\n'
+
+
 def test_the_python_asked_for_by_name_is_the_only_one_tried(commands: Path) -> None:
     script(commands / 'other', 'echo cpython 3.8')
-    assert 'other is cpython 3.8' in only_line(preflight(commands, PYTHON='other'))
+    assert '/other is cpython 3.8' in only_line(preflight(commands, PYTHON='other'))
 
 
 def test_a_python_without_venv_is_one_line(commands: Path) -> None:

@@ -34,20 +34,29 @@ suited() {
   return 1
 }
 
+makes_venvs() { "$1" -c 'import venv, ensurepip' 2>/dev/null; }
+
+headers() { "$1" -c 'import sysconfig; print(sysconfig.get_path("include"))'; }
+
+# The first interpreter that is suited and complete, else the first that is suited, so that what
+# it lacks can be said.
 find_python() {
-  local name seen=''
+  local name path seen=''
   for name in ${PYTHON:-python3 python3.13 python3.12 python3.11 python3.10}; do
-    if suited "$name"; then
-      python=$(command -v "$name")
-      return
-    fi
-    seen="$seen${seen:+, }$name is $(identity "$name" || echo 'not there')"
+    while read -r path; do
+      if suited "$path"; then
+        python=${python:-$path}
+        makes_venvs "$path" && [ -f "$(headers "$path")/Python.h" ] && python=$path && return
+      fi
+      seen="$seen${seen:+, }$path is $(identity "$path" || echo 'not running')"
+    done < <(type -aP "$name")
   done
-  lacks "CPython 3.10 to 3.13 is needed, say which with PYTHON=...: $seen"
+  [ -n "$python" ] ||
+    lacks "CPython 3.10 to 3.13 is needed, name one with PYTHON=... (${seen:-no python3 is there})"
 }
 
 check_python() {
-  "$python" -c 'import venv, ensurepip' 2>/dev/null ||
+  makes_venvs "$python" ||
     lacks "$python cannot make virtual environments (Debian, Ubuntu: apt-get install python3-venv)"
 }
 
@@ -62,7 +71,7 @@ check_build_tools() {
   elif ! echo '#include <vector>' | "$compiler" -x c++ -fsyntax-only - 2>/dev/null; then
     lacks "the C++ compiler '$compiler' cannot compile an empty program"
   elif [ -n "$python" ]; then
-    include=$("$python" -c 'import sysconfig; print(sysconfig.get_path("include"))')
+    include=$(headers "$python")
     echo '#include <Python.h>' | "$compiler" -x c++ -fsyntax-only -I "$include" - 2>/dev/null ||
       lacks "no Python.h in $include (Debian, Ubuntu: apt-get install python3-dev)"
   fi
