@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the contract says `result.json` looks like, as a check of its own."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+Record = dict[str, Any]
+
+TOP = {
+    'schema', 'arm', 'objective', 'parameters', 'flange_T_probe', 'spheres', 'quality', 'solver',
+    'probe_fit',
+}  # fmt: skip
+PARAMETER = {
+    'name', 'unit', 'initial', 'identified', 'standard_uncertainty', 'free', 'identifiable',
+}  # fmt: skip
+#: keys beyond the contract's first list: whoever adds one says so here
+ADDED_TOP = {'warnings'}
+ADDED_PARAMETER = {'reason'}
+SOLVER = {
+    'iterations', 'evaluations', 'phi_initial', 'phi_final', 'seconds', 'converged', 'reason',
+}  # fmt: skip
+PROBE_FIT = {'spheres', 'poses', 'residual_rms', 'orthogonality_error', 'condition'}
+DISTANCE = {'count', 'max', 'mean', 'rms', 'min', 'max_location', 'max_pair'}
+TWO_SIGMA = {
+    'max', 'mean', 'min', 'max_location', 'max_sphere', 'max_coordinate', 'mean_xyz',
+}  # fmt: skip
+PROBE_NAMES = ['probe_x', 'probe_y', 'probe_z', 'probe_rx', 'probe_ry', 'probe_rz']
+OBJECTIVES = ('distance_repeatability', 'distance', 'position')
+
+
+def refuse_constant(name: str) -> float:
+    """For `json.loads(parse_constant=...)`: JSON has no NaN and no infinities."""
+    raise AssertionError(f'{name} in JSON')
+
+
+def keys(record: Record, expected: set[str], added: set[str] = frozenset()) -> None:
+    assert isinstance(record, dict)
+    assert expected <= set(record), f'missing: {expected - set(record)}'
+    assert set(record) <= expected | added, f'unknown: {set(record) - expected - added}'
+
+
+def number(value: Any, at_least: float = -math.inf) -> None:
+    assert type(value) is float, f'{value!r} is no float'
+    assert math.isfinite(value)
+    assert value >= at_least
+
+
+def count(value: Any, at_least: int = 0) -> None:
+    assert type(value) is int, f'{value!r} is no integer'
+    assert value >= at_least
+
+
+def three(values: Any, at_least: float = -math.inf) -> None:
+    assert isinstance(values, list)
+    assert len(values) == 3
+    for value in values:
+        number(value, at_least)
+
+
+def text(value: Any) -> None:
+    assert isinstance(value, str)
+    assert value
+
+
+def transform(record: Record) -> None:
+    keys(record, {'translation', 'rotation_vector'})
+    three(record['translation'])
+    three(record['rotation_vector'])
+
+
+def spheres(records: list[Record]) -> None:
+    assert records
+    for record in records:
+        keys(record, {'location', 'sphere', 'poses', 'center', 'two_sigma'})
+        for key in ('location', 'sphere', 'poses'):
+            count(record[key], 1)
+        three(record['center'])
+        if record['poses'] == 1:
+            assert record['two_sigma'] == [None, None, None]
+        else:
+            three(record['two_sigma'], 0.0)
+    places = [(record['location'], record['sphere']) for record in records]
+    assert places == sorted(set(places))
+
+
+def quality(record: Record, added: set[str] = frozenset()) -> None:
+    """Q of the contract."""
+    keys(record, {'phi', 'distance', 'two_sigma', 'position'}, added)
+    number(record['phi'], 0.0)
+    distance(record['distance'])
+    two_sigma(record['two_sigma'])
+    keys(record['position'], {'rms', 'mean', 'max'})
+    for value in record['position'].values():
+        number(value, 0.0)
+
+
+def distance(record: Record) -> None:
+    keys(record, DISTANCE)
+    count(record['count'])
+    if record['count'] == 0:
+        assert all(record[key] is None for key in DISTANCE - {'count'})
+        return
+    for key in ('max', 'mean', 'rms', 'min'):
+        number(record[key], 0.0)
+    assert record['min'] <= record['mean'] <= record['rms'] <= record['max']
+    count(record['max_location'], 1)
+    assert len(record['max_pair']) == 2
+    for sphere in record['max_pair']:
+        count(sphere, 1)
+
+
+def two_sigma(record: Record) -> None:
+    keys(record, TWO_SIGMA)
+    if record['max'] is None:
+        assert all(record[key] is None for key in TWO_SIGMA - {'mean_xyz'})
+        assert record['mean_xyz'] == [None, None, None]
+        return
+    for key in ('max', 'mean', 'min'):
+        number(record[key], 0.0)
+    assert record['min'] <= record['mean'] <= record['max']
+    count(record['max_location'], 1)
+    count(record['max_sphere'], 1)
+    assert record['max_coordinate'] in ('x', 'y', 'z')
+    three(record['mean_xyz'], 0.0)
+
+
+def parameters(records: list[Record]) -> None:
+    for record in records:
+        keys(record, PARAMETER, ADDED_PARAMETER)
+        text(record['name'])
+        kind = record['name'].rstrip('0123456789')
+        lengths = ('a', 'd', 'probe_x', 'probe_y', 'probe_z')
+        assert record['unit'] == ('m' if kind in lengths else 'rad'), record['name']
+        number(record['initial'])
+        number(record['identified'])
+        if record['standard_uncertainty'] is not None:
+            number(record['standard_uncertainty'], 0.0)
+        assert type(record['free']) is bool
+        assert type(record['identifiable']) is bool
+        assert record['free'] or not record['identifiable']
+        assert record['free'] or record['identified'] == record['initial']
+        assert isinstance(record['reason'], str)
+        assert bool(record['reason']) != record['identifiable'], record['name']
+    names = [record['name'] for record in records]
+    joints = sum(name.startswith('alpha') for name in names)
+    expected = [f'{kind}{i}' for kind in ('a', 'alpha', 'd', 'theta_0_')
+                for i in range(1, joints + 1)]  # fmt: skip
+    betas = [name for name in names if name.startswith('beta')]
+    assert betas == sorted(set(betas))
+    assert names == expected + betas + PROBE_NAMES
+
+
+def result(record: Record) -> None:
+    """The whole of `result.json`."""
+    keys(record, TOP, ADDED_TOP)
+    assert record['schema'] == 1
+    text(record['arm'])
+    assert record['objective'] in OBJECTIVES
+    parameters(record['parameters'])
+    transform(record['flange_T_probe'])
+    spheres(record['spheres'])
+    keys(record['quality'], {'initial', 'identified', 'test'})
+    quality(record['quality']['initial'])
+    quality(record['quality']['identified'])
+    if record['quality']['test'] is not None:
+        quality(record['quality']['test'])
+    keys(record['solver'], SOLVER)
+    count(record['solver']['iterations'])
+    count(record['solver']['evaluations'], 1)
+    for key in ('phi_initial', 'phi_final', 'seconds'):
+        number(record['solver'][key], 0.0)
+    assert type(record['solver']['converged']) is bool
+    text(record['solver']['reason'])
+    if record['probe_fit'] is not None:
+        keys(record['probe_fit'], PROBE_FIT)
+        for key in ('spheres', 'poses'):
+            count(record['probe_fit'][key], 1)
+        for key in ('residual_rms', 'orthogonality_error', 'condition'):
+            number(record['probe_fit'][key], 0.0)
+    assert all(isinstance(line, str) and line for line in record['warnings'])

@@ -1,0 +1,293 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Results are as the contract lists them, and the files say the same as the record."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+from dataclasses import replace
+
+import numpy as np
+import pinocchio
+import pytest
+import result_schema
+from simulated_calibration import active, kr5, passive, simulate
+
+from calib_model.bag import write_measurement
+from calib_model.description import parse_arm, parse_probe, read_description
+from calib_model.errors import CalibrationError, DataError
+from calib_model.kinematics import forward
+from calib_solver.evaluate import evaluation_record
+from calib_solver.fitting import fit_from
+from calib_solver.identification import Options, identify
+from calib_solver.loading import Sources, bag_list, calibrate, load
+from calib_solver.result import result_record, write_results
+from calib_solver.summary import summary
+
+pytestmark = pytest.mark.timeout(60)
+FILES = ('result.json', 'arm.yaml', 'probe.yaml', 'arm.urdf')
+
+
+def take(measured, which):
+    return replace(measured, poses=measured.poses.take(which))
+
+
+def ragged(measured):
+    """Spheres with a single pose, a location with one sphere, a location of one pose."""
+    poses = measured.poses
+    single = (poses.location == 1) & (poses.sphere == 1)
+    alone = (poses.location == 2) & (poses.sphere != 6)
+    last = poses.location == 5
+    drop = single & (np.cumsum(single) > 1) | alone | last & (np.cumsum(last) > 1)
+    return take(measured, ~drop)
+
+
+@pytest.fixture(scope='module')
+def bags(tmp_path_factory, active_scene):
+    """A bag to identify from, locations 1 to 4, and a held-out one, location 5."""
+    folder = tmp_path_factory.mktemp('bags')
+    measured = active_scene.measured
+    write_measurement(folder / 'seen', take(measured, measured.poses.location < 5))
+    write_measurement(folder / 'held_out', take(measured, measured.poses.location == 5))
+    return folder
+
+
+@pytest.fixture(scope='module')
+def output(bags, tmp_path_factory):
+    """The folder of a finished identification, and the calibration itself."""
+    folder = tmp_path_factory.mktemp('output') / 'made' / 'here'
+    done = calibrate(
+        Sources((str(bags / 'seen'),)), Options(), [str(bags / 'held_out')], str(folder)
+    )
+    return folder, done
+
+
+def as_written(record):
+    return json.loads(
+        json.dumps(record, allow_nan=False), parse_constant=result_schema.refuse_constant
+    )
+
+
+def read_result(folder):
+    return json.loads(
+        (folder / 'result.json').read_text(), parse_constant=result_schema.refuse_constant
+    )
+
+
+@pytest.mark.parametrize('objective', ['distance_repeatability', 'distance', 'position'])
+@pytest.mark.parametrize('which', ['active_scene', 'passive_scene'])
+def test_the_record_is_what_the_contract_lists(objective, which, request):
+    measured = request.getfixturevalue(which).measured
+    record = as_written(result_record(identify(measured, Options(objective))))
+    result_schema.result(record)
+    assert record['objective'] == objective
+    assert (record['probe_fit'] is None) == (measured.probe.kind == 'passive')
+    assert record['quality']['test'] is None
+
+
+@pytest.mark.parametrize('objective', ['distance_repeatability', 'distance', 'position'])
+@pytest.mark.parametrize('which', ['active_scene', 'passive_scene'])
+def test_missing_spheres_and_single_poses_never_give_a_NaN(objective, which, request):
+    measured = ragged(request.getfixturevalue(which).measured)
+    record = as_written(result_record(identify(measured, Options(objective))))
+    result_schema.result(record)
+    assert [s['poses'] for s in record['spheres']].count(1) == 2
+    assert record['quality']['identified']['distance']['count'] == 3 * 6 - 6 + 6
+
+
+def test_single_poses_everywhere_leave_two_sigma_null(passive_scene):
+    measured = passive_scene.measured
+    _, first = np.unique(
+        np.stack([measured.poses.location, measured.poses.sphere]), axis=1, return_index=True
+    )
+    record = as_written(result_record(identify(take(measured, first))))
+    result_schema.result(record)
+    assert record['quality']['identified']['two_sigma']['max'] is None
+    assert record['quality']['identified']['distance']['count'] == 30
+
+
+def test_single_spheres_everywhere_leave_the_distances_null(active_scene):
+    measured = take(active_scene.measured, active_scene.measured.poses.sphere == 6)
+    record = as_written(result_record(identify(measured)))
+    result_schema.result(record)
+    assert record['quality']['identified']['distance']['count'] == 0
+
+
+def test_the_worst_is_named_where_it_is(passive_scene):
+    record = result_record(identify(passive_scene.measured))
+    quality = record['quality']['identified']
+    worst = max(record['spheres'], key=lambda sphere: max(sphere['two_sigma']))
+    two_sigma = quality['two_sigma']
+    assert two_sigma['max'] == max(worst['two_sigma'])
+    assert (two_sigma['max_location'], two_sigma['max_sphere']) == (
+        worst['location'],
+        worst['sphere'],
+    )
+    assert two_sigma['max_coordinate'] == 'xyz'[int(np.argmax(worst['two_sigma']))]
+    centers = {(s['location'], s['sphere']): np.array(s['center']) for s in record['spheres']}
+    location, (j, k) = quality['distance']['max_location'], quality['distance']['max_pair']
+    length = np.linalg.norm(centers[location, j] - centers[location, k])
+    error = abs(length - passive_scene.measured.gauge.distance(j, k))
+    assert error == pytest.approx(quality['distance']['max'], rel=1e-6)
+
+
+def test_written_files_are_whole_and_what_the_record_says(output):
+    folder, done = output
+    assert {path.name for path in folder.iterdir()} >= set(FILES)
+    assert {path.name for path in done.written} == {path.name for path in folder.iterdir()}
+    record = read_result(folder)
+    result_schema.result(record)
+    assert record == as_written(done.record)
+    arm = read_description(folder / 'arm.yaml', parse_arm)
+    probe = read_description(folder / 'probe.yaml', parse_probe)
+    said = {p['name']: p['identified'] for p in record['parameters']}
+    for i, joint in enumerate(arm.joints, start=1):
+        for kind in ('a', 'alpha', 'd'):
+            assert getattr(joint, kind) == said[f'{kind}{i}']
+        assert joint.theta_0 == said[f'theta_0_{i}']
+        assert joint.beta == said.get(f'beta{i}', 0.0)
+    assert probe.flange_T_probe.translation.tolist() == record['flange_T_probe']['translation']
+    assert [said[f'probe_{axis}'] for axis in 'xyz'] == record['flange_T_probe']['translation']
+
+
+def test_the_written_arm_and_probe_give_the_same_quality_by_evaluate(output, bags):
+    folder, _ = output
+    record = read_result(folder)
+    arm, probe = str(folder / 'arm.yaml'), str(folder / 'probe.yaml')
+    for bag, key in (('seen', 'identified'), ('held_out', 'test')):
+        found = as_written(evaluation_record(Sources((str(bags / bag),), arm, probe)))
+        result_schema.quality(found, {'spheres'})
+        assert {k: found[k] for k in record['quality'][key]} == record['quality'][key]
+    found = evaluation_record(Sources((str(bags / 'seen'),)))
+    assert found['phi'] == record['quality']['initial']['phi']
+    assert record['quality']['test']['phi'] < found['phi'] / 100
+
+
+def test_the_written_urdf_is_the_written_arm_to_pinocchio(output):
+    folder, _ = output
+    arm = read_description(folder / 'arm.yaml', parse_arm)
+    model = pinocchio.buildModelFromUrdf(str(folder / 'arm.urdf'))
+    data = model.createData()
+    assert list(model.names)[1:] == list(arm.joint_names)
+    frame = model.getFrameId(arm.flange_frame)
+    for q in np.random.default_rng(0).uniform(-2, 2, (20, arm.n)):
+        pinocchio.framesForwardKinematics(model, data, q)
+        np.testing.assert_allclose(
+            data.oMf[frame].homogeneous, forward(arm, q[None, :])[0], atol=1e-12
+        )
+
+
+def test_the_summary_shows_before_after_and_held_out(output):
+    text = summary(output[1])
+    header, *rows = [line for line in text.splitlines() if line.startswith(('mm', 'dist', '2 s'))]
+    assert header.split('  ')[-1].strip() == 'held-out'
+    assert len(rows) == 4
+    initial, identified, held_out_initial, held_out = map(float, rows[0].split()[-4:])
+    assert initial > 10 * identified
+    assert held_out_initial > 10 * held_out
+    assert 'converged' in text
+
+
+def test_a_file_in_the_folders_place_stays_and_is_named(passive_scene, tmp_path):
+    done = identify(passive_scene.measured)
+    place = tmp_path / 'taken'
+    place.write_text('mine')
+    with pytest.raises(CalibrationError, match=f'^{place}: results cannot be written: '):
+        write_results(place, done, result_record(done))
+    assert place.read_text() == 'mine'
+    with pytest.raises(CalibrationError, match='Not a directory'):
+        write_results(place / 'below', done, result_record(done))
+
+
+@pytest.mark.parametrize('failing', range(4))
+def test_a_disk_that_fills_up_leaves_each_file_as_it_was_or_whole(
+    passive_scene, tmp_path, monkeypatch, failing
+):
+    done = identify(passive_scene.measured)
+    record = result_record(done)
+    for name in FILES:
+        (tmp_path / name).write_text('before')
+    synced = []
+
+    def fsync(handle):
+        synced.append(handle)
+        if len(synced) > failing:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, 'fsync', fsync)
+    with pytest.raises(CalibrationError, match='No space left on device'):
+        write_results(tmp_path, done, record)
+    monkeypatch.undo()
+    assert {path.name for path in tmp_path.iterdir()} == set(FILES)
+    texts = [(tmp_path / name).read_text() for name in FILES]
+    assert texts.count('before') == 4 - failing
+    write_results(tmp_path / 'whole', done, record)
+    for name, text in zip(FILES, texts, strict=True):
+        assert text in ('before', (tmp_path / 'whole' / name).read_text())
+
+
+def test_nothing_is_written_when_the_held_out_bag_cannot_be_read(bags, tmp_path):
+    output = tmp_path / 'out'
+    with pytest.raises(CalibrationError, match='no such bag'):
+        calibrate(Sources((str(bags / 'seen'),)), Options(), ['/no/bag'], str(output))
+    assert not output.exists()
+
+
+def test_several_bags_are_one_measurement_with_locations_of_their_own(bags):
+    seen, held_out = str(bags / 'seen'), str(bags / 'held_out')
+    both = load(Sources((seen, held_out)))
+    assert sorted(set(both.poses.location.tolist())) == [1, 2, 3, 4, 5]
+    twice = load(Sources((seen, seen)))
+    assert sorted(set(twice.poses.location.tolist())) == list(range(1, 9))
+    assert len(twice.poses) == 2 * len(load(Sources((seen,))).poses)
+    assert bag_list(f'{seen}:{held_out}') == (seen, held_out)
+
+
+def test_bags_of_other_joints_or_another_gauge_do_not_go_together(bags, tmp_path, active_scene):
+    measured = active_scene.measured
+    renamed = tuple(replace(j, name=f'x_{j.name}') for j in measured.arm.joints)
+    write_measurement(
+        tmp_path / 'arm', replace(measured, arm=replace(measured.arm, joints=renamed))
+    )
+    write_measurement(
+        tmp_path / 'gauge', replace(measured, gauge=replace(measured.gauge, name='other'))
+    )
+    for other, said in (('arm', 'other joints'), ('gauge', 'another gauge')):
+        with pytest.raises(DataError, match=said):
+            load(Sources((str(bags / 'seen'), str(tmp_path / other))))
+
+
+def test_fit_probe_writes_a_probe_that_repeats_better(tmp_path):
+    scene = simulate(kr5(), active(), 71, locations=2, poses=12)
+    measured = replace(scene.measured, arm=scene.true)
+    write_measurement(tmp_path / 'bag', measured)
+    bag = Sources((str(tmp_path / 'bag'),))
+    fitted = fit_from(bag, str(tmp_path / 'out'))
+    record = as_written(fitted.record)
+    result_schema.keys(record['probe_fit'], result_schema.PROBE_FIT)
+    result_schema.transform(record['flange_T_probe'])
+    result_schema.spheres(record['spheres'])
+    assert [path.name for path in fitted.written] == ['probe.yaml']
+    probe = read_description(fitted.written[0], parse_probe)
+    np.testing.assert_allclose(probe.flange_T_probe.matrix(), scene.mount.matrix(), atol=1e-9)
+    assert evaluation_record(replace(bag, probe=str(fitted.written[0])))['phi'] < 1e-20
+
+
+def test_fit_probe_refuses_a_file_in_the_folders_place(tmp_path):
+    scene = simulate(kr5(), active(), 72, locations=1, poses=6)
+    write_measurement(tmp_path / 'bag', replace(scene.measured, arm=scene.true))
+    (tmp_path / 'out').write_text('mine')
+    with pytest.raises(CalibrationError, match='cannot be written'):
+        fit_from(Sources((str(tmp_path / 'bag'),)), str(tmp_path / 'out'))
+    assert (tmp_path / 'out').read_text() == 'mine'
+
+
+def test_a_seat_off_the_probes_origin_counts(passive_scene):
+    """The seat's centre is part of where the sphere is: forgetting it changes the quality."""
+    measured = passive_scene.measured
+    probe = passive()
+    forgotten = replace(measured, probe=replace(probe, center=np.zeros(3)))
+    with_seat = identify(measured).initial.phi
+    without = identify(forgotten).initial.phi
+    assert with_seat != pytest.approx(without, rel=1e-2)

@@ -1,0 +1,239 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The solver node in a process of its own, asked over DDS."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip('rclpy')
+pytest.importorskip('calib_interfaces.srv')
+
+from calib_interfaces.srv import Evaluate, FitProbe, Identify  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from simulated_calibration import active, kr5, simulate  # noqa: E402
+
+from calib_model.bag import write_measurement  # noqa: E402
+from calib_model.bag_writer import BagWriter  # noqa: E402
+from calib_solver.identify import run  # noqa: E402
+
+DOMAIN = 110 + os.getpid() % 100
+TIMEOUT = 20.0
+pytestmark = pytest.mark.timeout(60)
+
+
+@pytest.fixture(scope='module')
+def files(tmp_path_factory):
+    """Bags and descriptions, good and bad, by name."""
+    folder = tmp_path_factory.mktemp('node')
+    measured = simulate(kr5(), active(), 81, noise=5e-5, poses=12).measured
+    seen = measured.poses.location < 5
+    write_measurement(folder / 'bag', replace(measured, poses=measured.poses.take(seen)))
+    write_measurement(folder / 'test', replace(measured, poses=measured.poses.take(~seen)))
+    with BagWriter(folder / 'no_topics'):
+        pass
+    (folder / 'bad.yaml').write_text('name: arm\nbase_frame: base\nflange_frame: tool0\n')
+    (folder / 'taken').write_text('mine')
+    return folder
+
+
+@pytest.fixture(scope='module')
+def node():
+    """The process; it must be alive until the last call is answered, and end on Ctrl-C."""
+    environment = {
+        **os.environ,
+        'ROS_DOMAIN_ID': str(DOMAIN),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    }
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'calib_solver.solver_node'],
+        env=environment, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        yield process
+        assert process.poll() is None, 'the node ended before it was told to'
+        process.send_signal(signal.SIGINT)
+        said = process.communicate(timeout=TIMEOUT)[1]
+        assert process.returncode == 0
+        assert 'Traceback' not in said
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture(scope='module')
+def ask(node):
+    """Calls a service of the node and waits for its answer."""
+    context = rclpy.Context()
+    previous = os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE')
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    rclpy.init(context=context, domain_id=DOMAIN)
+    asker = rclpy.create_node('asker', context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(asker)
+    kinds = {Identify: 'identify', FitProbe: 'fit_probe', Evaluate: 'evaluate'}
+    clients = {kind: asker.create_client(kind, name) for kind, name in kinds.items()}
+
+    def wait(done, what):
+        deadline = time.monotonic() + TIMEOUT
+        while not done():
+            assert time.monotonic() < deadline, f'{what} did not come'
+            executor.spin_once(timeout_sec=0.02)
+
+    def call(kind, **request):
+        client = clients[kind]
+        wait(client.service_is_ready, f'service {kinds[kind]}')
+        if request.pop('at_once', False):
+            return client.call_async(kind.Request(**request))
+        future = client.call_async(kind.Request(**request))
+        wait(future.done, f'answer of {kinds[kind]}')
+        return future.result()
+
+    call.wait = wait
+    yield call
+    executor.shutdown()
+    asker.destroy_node()
+    rclpy.shutdown(context=context)
+    if previous is None:
+        del os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE']
+    else:
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = previous
+
+
+def same(message, record, where=''):
+    """Every value of a record is in the message's field of that name; null is NaN or nothing."""
+    for name, value in record.items():
+        place = f'{where}.{name}'
+        field = getattr(message, name.lower())
+        if isinstance(value, dict):
+            same(field, value, place)
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            assert len(field) == len(value), place
+            for one, row in zip(field, value, strict=True):
+                same(one, row, place)
+        elif value is None:
+            assert not field or math.isnan(field), place
+        elif isinstance(value, list):
+            expected = [math.nan if v is None else v for v in value]
+            np.testing.assert_array_equal(list(field), expected, place)
+        else:
+            assert field == value, place
+
+
+def test_identify_answers_what_the_command_writes(ask, files, tmp_path):
+    bag, test = str(files / 'bag'), str(files / 'test')
+    answer = ask(Identify, bag=bag, test=test, output=str(tmp_path / 'node'))
+    assert answer.success, answer.message
+    record = run([bag, '--test', test, '--output', str(tmp_path / 'command')]).record
+    for written in ((tmp_path / 'node' / 'result.json').read_text(), json.dumps(record)):
+        record = json.loads(written)
+        record['solver'].pop('seconds')
+        quality = record.pop('quality')
+        record.pop('schema')
+        same(answer, record)
+        same(answer.initial, quality['initial'])
+        same(answer.identified, quality['identified'])
+        same(answer.test, quality['test'])
+    assert answer.has_test
+    assert answer.has_probe_fit
+    assert 'converged' in answer.message
+    assert sorted(answer.written) == sorted(map(str, (tmp_path / 'node').iterdir()))
+    assert answer.identified.distance.count == 24
+    assert answer.identified.phi < answer.initial.phi / 100
+
+
+def test_options_of_a_request_are_those_of_the_command(ask, files):
+    bag = str(files / 'bag')
+    answer = ask(Identify, bag=bag, objective='position', fix=['d*'], prior='none')
+    done = run([bag, '--objective', 'position', '--fix', 'd*', '--prior', 'none'])
+    assert answer.success, answer.message
+    assert answer.objective == 'position'
+    assert not answer.has_test
+    free = {p.name: p.free for p in answer.parameters}
+    assert not any(free[f'd{i}'] for i in range(1, 7))
+    assert answer.solver.phi_final == done.record['solver']['phi_final']
+
+
+def test_fit_probe_and_evaluate_answer_with_figures(ask, files, tmp_path):
+    bag = str(files / 'bag')
+    fitted = ask(FitProbe, bag=bag, output=str(tmp_path))
+    assert fitted.success, fitted.message
+    assert list(fitted.written) == [str(tmp_path / 'probe.yaml')]
+    assert fitted.probe_fit.poses == 4 * 4 * 12
+    assert np.isfinite(fitted.standard_uncertainty).all()
+    before = ask(Evaluate, bag=bag)
+    after = ask(Evaluate, bag=bag, probe=str(tmp_path / 'probe.yaml'))
+    assert before.success
+    assert after.success
+    assert len(before.spheres) == 16
+    assert 0 < after.quality.phi < before.quality.phi
+
+
+BAD = {
+    'a path that is not there': ({'bag': '{files}/nothing'}, 'nothing: no such bag'),
+    'a path no file can have': ({'bag': 'a' * 5000}, 'no such bag'),
+    'no path at all': ({}, 'no bag given'),
+    'a bag without the topics': ({'bag': '{files}/no_topics'}, '/capture/poses'),
+    'a YAML with a missing key': (
+        {'bag': '{files}/bag', 'arm': '{files}/bad.yaml'},
+        "bad.yaml: missing key 'joints'",
+    ),
+    'a YAML that is not there': ({'bag': '{files}/bag', 'gauge': '/no.yaml'}, '/no.yaml'),
+    'a file that is no bag': ({'bag': '{files}/taken'}, 'taken'),
+}
+
+
+@pytest.mark.parametrize('kind', [Identify, FitProbe, Evaluate], ids=lambda k: k.__name__)
+@pytest.mark.parametrize('case', BAD)
+def test_bad_input_is_one_line_and_the_node_answers_the_next_call(ask, files, kind, case):
+    request, said = BAD[case]
+    request = {key: value.replace('{files}', str(files)) for key, value in request.items()}
+    answer = ask(kind, **request)
+    assert answer.success is False
+    assert said in answer.message
+    assert len(answer.message.splitlines()) == 1
+    assert len(answer.spheres) == 0
+    assert ask(Evaluate, bag=str(files / 'bag')).success
+
+
+@pytest.mark.parametrize(
+    ('request_fields', 'said'),
+    [
+        ({'objective': 'eq_11'}, "no objective 'eq_11'"),
+        ({'fix': ['q*']}, "no parameter is called 'q*'"),
+        ({'free': ['q*']}, "no parameter is called 'q*'"),
+        ({'prior': 'weak'}, 'weak'),
+        ({'prior': '-3'}, 'strength'),
+        ({'test': '/no/bag'}, '/no/bag: no such bag'),
+        ({'output': '{files}/taken'}, 'taken: results cannot be written'),
+    ],
+)
+def test_options_that_cannot_be_used_are_one_line_too(ask, files, request_fields, said):
+    fields = {
+        key: value.replace('{files}', str(files)) if isinstance(value, str) else value
+        for key, value in request_fields.items()
+    }
+    answer = ask(Identify, bag=str(files / 'bag'), **fields)
+    assert answer.success is False
+    assert said in answer.message
+    assert len(answer.message.splitlines()) == 1
+    assert (files / 'taken').read_text() == 'mine'
+
+
+def test_calls_at_the_same_time_are_all_answered(ask, files):
+    bag = str(files / 'bag')
+    futures = [ask(Identify, bag=bag, at_once=True) for _ in range(4)]
+    futures += [ask(Evaluate, bag=str(files / 'nothing'), at_once=True) for _ in range(2)]
+    ask.wait(lambda: all(future.done() for future in futures), 'every answer')
+    answers = [future.result() for future in futures]
+    assert [answer.success for answer in answers] == [True] * 4 + [False] * 2
+    assert len({answer.identified.phi for answer in answers[:4]}) == 1

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One pass over the poses: its Jacobian against finite differences, its sums against each pose."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated_calibration import iiwa, kr5, passive, random_arm, simulate, turned_kr5
+
+from calib_model.kinematics import points
+from calib_model.parameters import ParameterTable
+from calib_model.probe import trihedron
+from calib_model.rotation import RigidTransform
+from calib_solver import compiled, sums
+from calib_solver.problem import Problem
+
+pytestmark = pytest.mark.timeout(60)
+
+FAR_TURNED = trihedron(RigidTransform(np.array([0.03, -0.02, 0.1]), np.array([1.4, -1.1, 1.9])))
+
+
+def scene_of(arm, probe, poses=6):
+    """A few poses of an arm; beta is set in every joint so that its column is tried."""
+    geometry = arm.geometry.copy()
+    geometry[4] = np.linspace(-0.2, 0.3, arm.n)
+    return simulate(arm.with_geometry(geometry), probe, 5, locations=2, poses=poses)
+
+
+CASES = {
+    'kr5, probe turned far': (kr5(), FAR_TURNED),
+    'directions of -1': (turned_kr5(), FAR_TURNED),
+    'seven joints': (iiwa(), FAR_TURNED),
+    'passive': (kr5(), passive()),
+}
+
+
+def point_at(problem, table, full):
+    """Every pose's point by the plain forward model."""
+    arm, probe = table.apply(full, problem.measured.arm, problem.measured.probe)
+    return points(arm, problem.joints, probe.flange_T_probe.apply(problem.centers))
+
+
+@pytest.mark.parametrize('case', CASES)
+def test_every_column_of_the_jacobian_is_the_finite_difference(case):
+    problem = Problem.of(scene_of(*CASES[case]).measured)
+    measured = problem.measured
+    table = ParameterTable.of(measured.arm, measured.probe)
+    assert len(table.names) == 5 * measured.arm.n + 6
+    point, jacobian = sums.point_jacobian(
+        problem, table, table.nominal, np.arange(len(problem.joints))
+    )
+    np.testing.assert_allclose(point, point_at(problem, table, table.nominal), atol=1e-14)
+    step = 1e-5
+    for column, name in enumerate(table.names):
+        moved = np.zeros(len(table.names))
+        moved[column] = step
+        # fourth order: the error is below 1e-10 where the step's own rounding is 1e-11
+        near = point_at(problem, table, table.nominal + moved)
+        near = near - point_at(problem, table, table.nominal - moved)
+        far = point_at(problem, table, table.nominal + 2 * moved)
+        far = far - point_at(problem, table, table.nominal - 2 * moved)
+        slope = (8 * near - far) / (12 * step)
+        np.testing.assert_allclose(jacobian[:, :, column], slope, atol=2e-10, err_msg=name)
+
+
+def brute_force(problem, table, full):
+    """Each sphere's sums as their definitions say, pose by pose."""
+    every = np.arange(len(problem.joints))
+    point, jacobian = sums.point_jacobian(problem, table, full, every)
+    jacobian = jacobian[:, :, table.free_columns]
+    for sphere in range(len(problem.keys)):
+        rows = problem.rows(sphere)
+        weight, p, j = problem.weight[rows], point[rows], jacobian[rows]
+        center = np.average(p, axis=0, weights=weight)
+        mean = np.average(j, axis=0, weights=weight)
+        gradient, normal = np.zeros(j.shape[2]), np.zeros((j.shape[2],) * 2)
+        for w, one, slope in zip(weight, p - center, j - mean, strict=True):
+            gradient += w * slope.T @ one
+            normal += w * slope.T @ slope
+        yield weight.sum(), center, mean, weight @ (p - center) ** 2, gradient, normal
+
+
+def passes():
+    """The public pass, and the two that may stand behind it."""
+    names = ['accumulate', 'accumulate_numpy']
+    return [*names, 'accumulate_compiled'] if compiled._kernel is not None else names
+
+
+@pytest.mark.parametrize('name', passes())
+@pytest.mark.parametrize('weighted', [False, True], ids=['equal', 'weighted'])
+@pytest.mark.parametrize('case', CASES)
+def test_the_sums_are_what_each_pose_adds_up_to(case, weighted, name):
+    problem = Problem.of(scene_of(*CASES[case], poses=7).measured)
+    if weighted:
+        generator = np.random.default_rng(8)
+        problem = replace(problem, weight=generator.uniform(0.01, 1.0, len(problem.joints)))
+    table = ParameterTable.of(problem.measured.arm, problem.measured.probe)
+    table = table.frozen_at([0, 7, 13], 'a gap between the free columns')
+    full = table.nominal + 1e-3 * np.random.default_rng(3).normal(size=len(table.nominal))
+    found = getattr(sums, name)(problem, table, full)
+    for s, (count, center, mean, spread, gradient, normal) in enumerate(
+        brute_force(problem, table, full)
+    ):
+        assert found.count[s] == pytest.approx(count, rel=1e-14)
+        np.testing.assert_allclose(found.center[s], center, atol=1e-14)
+        np.testing.assert_allclose(found.jacobian[s], mean, atol=1e-13)
+        np.testing.assert_allclose(found.spread[s], spread, rtol=1e-9)
+        np.testing.assert_allclose(found.gradient[s], gradient, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(found.normal[s], normal, rtol=1e-9, atol=1e-11)
+
+
+def test_spheres_with_more_poses_than_a_block_add_up_the_same():
+    scene = simulate(kr5(), passive(), 6, locations=1, spheres=(1, 14), poses=25)
+    poses = scene.measured.poses
+    many = np.tile(np.arange(len(poses)), 90)
+    problem = Problem.of(replace(scene.measured, poses=poses.take(many)))
+    assert problem.counts.min() > 2 * sums.BLOCK
+    once = Problem.of(scene.measured)
+    table = ParameterTable.of(scene.measured.arm, scene.measured.probe)
+    long = sums.accumulate(problem, table, table.nominal)
+    short = sums.accumulate(once, table, table.nominal)
+    np.testing.assert_allclose(long.center, short.center, atol=1e-14)
+    np.testing.assert_allclose(long.spread, 90 * short.spread, rtol=1e-9)
+    np.testing.assert_allclose(long.gradient, 90 * short.gradient, rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(long.normal, 90 * short.normal, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_random_arms_have_the_same_sums_in_both_passes(seed):
+    generator = np.random.default_rng(seed)
+    scene = simulate(random_arm(generator), passive(), seed, locations=1, poses=9)
+    problem = Problem.of(scene.measured)
+    table = ParameterTable.of(scene.measured.arm, scene.measured.probe)
+    usual = sums.accumulate(problem, table, table.nominal)
+    twin = sums.accumulate_numpy(problem, table, table.nominal)
+    for field in ('count', 'center', 'jacobian', 'spread', 'gradient', 'normal'):
+        np.testing.assert_allclose(
+            getattr(usual, field), getattr(twin, field), rtol=1e-9, atol=1e-12, err_msg=field
+        )
