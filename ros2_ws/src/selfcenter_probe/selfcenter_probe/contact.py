@@ -44,9 +44,15 @@ def touch(probe: ActiveProbe, p_probe_sphere: Array, sphere_diameter: float) -> 
     """
     lower, upper = probe.stroke.T
     wanted = probe.displacements(p_probe_sphere, sphere_diameter)
-    free = np.isnan(wanted) | _out_of_reach(probe, p_probe_sphere, sphere_diameter)
+    origin = np.array([stylus.origin for stylus in probe.styli])
+    offset = p_probe_sphere[:, None, :] - origin
+    reach = sphere_diameter / 2 + np.array([stylus.tip_radius for stylus in probe.styli])
+    # The line of a stylus goes on behind the housing, and a sphere there pushes nothing in. At an
+    # end of the stroke the tip's centre is that far from its origin: twice is well beyond.
+    reach = reach + 2 * np.abs(probe.stroke).max(axis=1)
+    free = np.isnan(wanted) | (np.einsum('nsk,nsk->ns', offset, offset) > reach**2)
     wanted = np.where(free, -np.inf, wanted)
-    past = _past_the_tips(probe, p_probe_sphere, np.clip(wanted, lower, upper))
+    past = _past_the_tips(probe, offset, np.clip(wanted, lower, upper))
     wanted = np.where(past[:, None] & ~free, np.inf, wanted)
     status = np.full(wanted.shape, Status.OK, dtype=np.uint8)
     status[wanted <= lower] = Status.NO_CONTACT
@@ -54,41 +60,18 @@ def touch(probe: ActiveProbe, p_probe_sphere: Array, sphere_diameter: float) -> 
     return Contact(np.clip(wanted, lower, upper), status)
 
 
-def _out_of_reach(
-    probe: ActiveProbe, p_probe_sphere: Array, sphere_diameter: float
-) -> NDArray[np.bool_]:
-    """Spheres that a stylus cannot touch anywhere near its stroke, (N, 3).
-
-    The line of a stylus goes on behind the housing, and a sphere there pushes nothing in.
-    """
-    origin, _ = _lines(probe)
-    radius = sphere_diameter / 2 + np.array([stylus.tip_radius for stylus in probe.styli])
-    distance = np.linalg.norm(p_probe_sphere[:, None, :] - origin, axis=2)
-    # at an end of the stroke the tip's centre is that far from its origin: twice is well beyond
-    far: NDArray[np.bool_] = distance > radius + 2 * np.abs(probe.stroke).max(axis=1)
-    return far
-
-
-def _past_the_tips(
-    probe: ActiveProbe, p_probe_sphere: Array, displacement: Array
-) -> NDArray[np.bool_]:
-    """Spheres (N,) on the housing's side of the three tips.
+def _past_the_tips(probe: ActiveProbe, offset: Array, displacement: Array) -> NDArray[np.bool_]:
+    """Spheres (N,) on the housing's side of the three tips; `offset` (N, 3 styli, 3) from origins.
 
     They would read like their mirror images outside; a real one has run into the housing.
     """
-    origin, direction = _lines(probe)
-    tips = origin + displacement[:, :, None] * direction
-    normal = np.cross(tips[:, 1] - tips[:, 0], tips[:, 2] - tips[:, 0])
-    height = np.einsum('nk,nk->n', p_probe_sphere - tips[:, 0], normal)
+    direction = np.array([stylus.direction for stylus in probe.styli])
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    to_sphere = offset - displacement[:, :, None] * direction  # from each tip's centre
+    normal = np.cross(to_sphere[:, 0] - to_sphere[:, 1], to_sphere[:, 0] - to_sphere[:, 2])
+    height = np.einsum('nk,nk->n', to_sphere[:, 0], normal)
     past: NDArray[np.bool_] = height * np.sign(normal @ direction.sum(axis=0)) > 0
     return past
-
-
-def _lines(probe: ActiveProbe) -> tuple[Array, Array]:
-    """Origins (3, 3) and unit directions (3, 3) of the styli."""
-    direction = np.array([stylus.direction for stylus in probe.styli])
-    length = np.linalg.norm(direction, axis=1, keepdims=True)
-    return np.array([stylus.origin for stylus in probe.styli]), direction / length
 
 
 def seat(probe: PassiveProbe, p_probe_sphere: Array, reach: float) -> Contact:

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from functools import cache
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from calib_interfaces.msg import StylusDisplacements
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -50,13 +49,15 @@ def joints_of(state: JointState, names: Sequence[str]) -> Array | None:
 
 
 def displacements(readings: Readings, frame: str) -> Iterator[StylusDisplacements]:
-    """One message per reading, in their order."""
+    """The readings' messages in their order: one object, filled anew, to be published at once.
+
+    Making one for every reading would take as long as publishing it.
+    """
+    message = StylusDisplacements(header=Header(frame_id=frame))
     for stamp, displacement, status in zip(
         readings.stamp.tolist(), readings.displacement, readings.status, strict=True
     ):
-        seconds, nanoseconds = divmod(stamp, SECOND)
-        yield StylusDisplacements(
-            header=Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=frame),
-            displacement=displacement,
-            status=status,
-        )
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, SECOND)
+        message.displacement = displacement
+        message.status = status
+        yield message
