@@ -16,7 +16,6 @@ from calib_solver.sums import SphereSums, accumulate, accumulate_numpy
 
 #: both round, and sums of many terms are taken in another order
 SAME_SUMS = 1e-9
-TIMES = 5
 
 
 def against_numpy(poses: int, rounds: int) -> Part:
@@ -31,7 +30,7 @@ def against_numpy(poses: int, rounds: int) -> Part:
         kind = f'{measured.probe.kind} probe'
         best = best_of({
             'numpy': timed(partial(accumulate_numpy, *arguments)),
-            'compiled': timed(partial(accumulate, *arguments), TIMES),
+            'compiled': timed(partial(accumulate, *arguments)),
         }, rounds)  # fmt: skip
         for name, seconds in best.items():
             note = f'{seconds / poses * 1e9:.0f} ns a pose'

@@ -43,15 +43,15 @@ class Part:
     targets: tuple[Target, ...] = ()
 
 
-def timed(work: Callable[[], object], times: int = 1) -> Callable[[], float]:
-    """`work` as something that tells its own seconds, the best of a few `times` in a row."""
+def timed(work: Callable[[], object]) -> Callable[[], float]:
+    """`work` as something that tells its own seconds."""
 
-    def once() -> float:
+    def run() -> float:
         begun = perf_counter()
         work()
         return perf_counter() - begun
 
-    return lambda: min(once() for _ in range(times))
+    return run
 
 
 def best_of(contenders: dict[str, Callable[[], float]], rounds: int) -> dict[str, float]:

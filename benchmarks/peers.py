@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
 from benchmarks.measuring import Part, Row, Target, best_of, timed
-from benchmarks.problems import CHAPTER, faro_measurement
+from benchmarks.problems import faro_measurement
 from benchmarks.solving import solve
 from calib_model.kinematics import points
 from calib_model.parameters import ParameterTable
@@ -27,8 +27,6 @@ TOLERANCE, SAME_PHI = 1e-12, 1e-9
 FEW = 8
 #: what pybotics' optimiser may ask for; without a Jacobian it needs one evaluation a parameter
 EVALUATIONS = 2_000
-#: our solve is short: each of its turns is the best of so many
-TIMES = 5
 
 
 class Residuals:
@@ -108,7 +106,7 @@ def against_scipy(poses: int, rounds: int) -> Part:
 
     names = {'scipy lm, our Jacobian': True, 'scipy lm, differences': False}
     peers = {name: timed(scipy(name, flag)) for name, flag in names.items()}
-    best = best_of({'our solve': timed(ours, TIMES), **peers}, rounds)
+    best = best_of({'our solve': timed(ours), **peers}, rounds)
     rows = tuple(
         Row(name, s, s / best['our solve'], 'our solve', f'phi {phi[name]:.10e} m^2')
         for name, s in best.items()
@@ -121,7 +119,7 @@ def against_scipy(poses: int, rounds: int) -> Part:
     )
 
 
-def against_pybotics(poses: int = CHAPTER) -> Part:
+def against_pybotics(poses: int, rounds: int) -> Part:
     """Forward kinematics by pybotics inside the same scipy optimiser, on few poses."""
     try:
         robots = importlib.import_module('pybotics.robot')
@@ -142,9 +140,7 @@ def against_pybotics(poses: int = CHAPTER) -> Part:
                               max_nfev=EVALUATIONS)  # fmt: skip
         phi['pybotics + scipy lm'] = 2 * float(found.cost)
 
-    best = best_of(
-        {'our solve': timed(ours, TIMES), 'pybotics + scipy lm': timed(theirs)}, rounds=1
-    )
+    best = best_of({'our solve': timed(ours), 'pybotics + scipy lm': timed(theirs)}, rounds)
     rows = tuple(
         Row(name, s, s / best['our solve'], 'our solve', f'phi {phi[name]:.7e} m^2')
         for name, s in best.items()

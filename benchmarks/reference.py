@@ -26,8 +26,6 @@ from calib_solver.problem import Problem
 
 #: ours over the reference's: what must hold, and the goal
 LIMIT, GOAL, SAME_PHI = 0.5, 0.2, 1e-6
-#: our solve is short: each of its turns is the best of so many
-TIMES = 3
 FLAGS = ('-O3', '-march=native', '-I/usr/include/eigen3')
 LIBRARIES = ('-lceres', '-lglog')
 
@@ -98,10 +96,10 @@ def _compared(title: str, program: Path, poses: int, rounds: int) -> Part:
     peers = {f'reference, {n} thread{"s" * (n > 1)}': reference(n) for n in sorted({1, cores})}
     fewer = identifiable_table(measured.arm, measured.probe)
     best = best_of({
-        'our solve': timed(ours_of_eq_11, TIMES),
-        "our solve, reference's objective": timed(ours, TIMES),
-        'our solve, poses sorted anew': timed(lambda: solve(Problem.of(measured), table), TIMES),
-        'our solve, identifiable ones free': timed(lambda: solve(problem, fewer), TIMES),
+        'our solve': timed(ours_of_eq_11),
+        "our solve, reference's objective": timed(ours),
+        'our solve, poses sorted anew': timed(lambda: solve(Problem.of(measured), table)),
+        'our solve, identifiable ones free': timed(lambda: solve(problem, fewer)),
         **peers,
     }, rounds)  # fmt: skip
     fastest = min(peers, key=lambda name: best[name])

@@ -25,6 +25,8 @@ from benchmarks.scale import SIZES, scale
 
 ROOT = Path(__file__).resolve().parents[1]
 REFERENCE = 'CERES_REFERENCE'
+#: turns where one takes seconds
+FEW_ROUNDS = 5
 DEFAULT_REFERENCE = ROOT.parent / 'shared/bench/ceres_reference.cpp'
 
 
@@ -32,7 +34,7 @@ def arguments() -> argparse.ArgumentParser:
     """The command line of the benchmarks."""
     parser = argparse.ArgumentParser(prog='benchmarks', description=__doc__)
     parser.add_argument('--part', action='append', choices=PARTS, help='only these')
-    parser.add_argument('--rounds', type=int, default=7, help='turns of each contender')
+    parser.add_argument('--rounds', type=int, default=15, help='turns of each contender')
     parser.add_argument('--poses', type=int, default=CHAPTER)
     parser.add_argument('--sizes', type=int, nargs='+', default=SIZES, help='of the scale part')
     parser.add_argument(
@@ -47,11 +49,11 @@ def arguments() -> argparse.ArgumentParser:
 Given = argparse.Namespace
 PARTS: dict[str, Callable[[Given], Part]] = {
     'reference': lambda given: compare(given.reference, given.poses, given.rounds),
-    'scipy': lambda given: against_scipy(given.poses, min(given.rounds, 3)),
-    'pybotics': lambda given: against_pybotics(given.poses),
+    'scipy': lambda given: against_scipy(given.poses, min(given.rounds, FEW_ROUNDS)),
+    'pybotics': lambda given: against_pybotics(given.poses, min(given.rounds, FEW_ROUNDS)),
     'kernel': lambda given: against_numpy(given.poses, given.rounds),
-    'scale': lambda given: scale(tuple(given.sizes), min(given.rounds, 3)),
-    'command': lambda given: whole_command(given.poses, given.rounds),
+    'scale': lambda given: scale(tuple(given.sizes), min(given.rounds, FEW_ROUNDS)),
+    'command': lambda given: whole_command(given.poses, min(given.rounds, FEW_ROUNDS)),
 }
 
 

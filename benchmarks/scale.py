@@ -46,29 +46,39 @@ def scale(sizes: tuple[int, ...] = SIZES, rounds: int = 3) -> Part:
         active = _figures_of(with_readings)
         for _ in range(rounds - 1):  # in turns, so that a busy moment troubles all sizes alike
             runs = {size: _better(runs[size], _figures_of(files[size])) for size in sizes}
-    rows = [_row(f'{size:,} poses', run, size, runs[min(runs)]) for size, run in runs.items()]
-    rows.append(_row(f'{largest:,} poses, eq. 15 too', active, largest, runs[min(runs)]))
+    compared = COMPARED if COMPARED in runs else min(runs)
+    rows = [
+        _row(f'{size:,} poses, {what}', what, run, runs[compared], compared)
+        for what in TIMED
+        for size, run in runs.items()
+    ]
+    rows.append(
+        _row(f'{largest:,} poses, identify, eq. 15 too', TIMED[1], active, runs[compared], compared)
+    )
     targets = [Target('peak memory, MiB', runs[largest]['bytes'] / 2**20, MEMORY_LIMIT / 2**20)]
     targets.append(
         Target('peak memory with eq. 15, MiB', active['bytes'] / 2**20, MEMORY_LIMIT / 2**20)
     )
-    if COMPARED in runs and largest > COMPARED:
-        for what in TIMED:
-            ratio = runs[largest][what] / largest / (runs[COMPARED][what] / COMPARED)
-            name = f'{what}: time per pose at {largest:,} over {COMPARED:,}'
-            targets.append(Target(name, ratio, PER_POSE_LIMIT))
+    for what in TIMED:
+        ratio = _per_pose(runs[largest], what) / _per_pose(runs[compared], what)
+        name = f'{what}: time per pose at {largest:,} over {compared:,}'
+        targets.append(Target(name, ratio, PER_POSE_LIMIT))
     return Part('scale: passive probe, identifiable parameters free', tuple(rows), tuple(targets))
 
 
-def _row(name: str, run: dict[str, float], size: int, first: dict[str, float]) -> Row:
-    per_pose = run['solve'] / run['poses']
-    note = (
-        f'per pose: solve {per_pose * 1e6:.3f} us in {run["evaluations"]:.0f} passes, '
-        f'identify {run["identify"] / size * 1e6:.3f} us; peak {run["bytes"] / 2**20:.0f} MiB '
-        f'({run["bytes_before"] / 2**20:.0f} before)'
-    )
-    ratio = per_pose / (first['solve'] / first['poses'])
-    return Row(name, run['identify'], ratio, 'solve per pose of the first', note, run)
+def _per_pose(run: dict[str, float], what: str) -> float:
+    return run[what] / run['poses']
+
+
+def _row(
+    name: str, what: str, run: dict[str, float], other: dict[str, float], compared: int
+) -> Row:
+    """One line; its ratio is of times per pose."""
+    note = f'{_per_pose(run, what) * 1e6:.3f} us a pose, peak {run["bytes"] / 2**20:.0f} MiB'
+    if what == TIMED[0]:
+        note = f'{_per_pose(run, what) * 1e6:.3f} us a pose in {run["evaluations"]:.0f} passes'
+    ratio = _per_pose(run, what) / _per_pose(other, what)
+    return Row(name, run[what], ratio, f'{compared:,}, per pose', note, run)
 
 
 def _kept(folder: Path, size: int, active: bool) -> Path:

@@ -141,6 +141,6 @@ def test_every_part_runs_and_is_recorded(tmp_path: Path) -> None:
     parts = json.loads(output.read_text(encoding='utf-8'))['parts']
     assert set(parts) == {'reference', 'scipy', 'pybotics', 'kernel', 'scale', 'command'}
     sizes = [row['figures']['poses'] for row in parts['scale']['rows']]
-    assert sizes == [112, 280, 280]
+    assert sizes == [112, 280, 112, 280, 280]
     assert all(row['figures']['bytes'] > 1 << 20 for row in parts['scale']['rows'])
     assert all(target['met'] for target in parts['scipy']['targets'] + parts['kernel']['targets'])
