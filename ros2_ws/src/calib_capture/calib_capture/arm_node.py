@@ -17,6 +17,7 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from calib_capture.configuration import ParameterError, configured, explained, number_within
+from calib_capture.executor_node import spin
 from calib_capture.messages import SECOND, described, joint_state, points_of, qos_of
 from calib_capture.pinocchio_arm import PinocchioArm
 from calib_capture.trajectory import Motion, TrajectoryError, checked_trajectory
@@ -35,6 +36,7 @@ from calib_model.urdf import arm_urdf
 STEPPED_IDLE = 0.05  # s: in stepped simulation an arm at rest lives in real time, at this beat
 STEPPED_BURST = 40  # states published at once: less than half of what a subscriber keeps
 STEPPED_PAUSE = 0.005  # s between bursts of one motion, for the subscribers to take them in
+STEPPED_PATIENCE = 0.2  # s before an arm is taken to be at rest, not to be waiting for the next goal
 
 
 class ArmNode(Node):
@@ -55,16 +57,14 @@ class ArmNode(Node):
         self._began = self._time
         self._motion = Motion.resting(self._start_posture())
         self._steps: list[float] = []
-        self._moved = False
+        self._rested = 0.0
         self.create_subscription(
             JointTrajectory, JOINT_TRAJECTORY.name, self._on_trajectory, qos_of(JOINT_TRAJECTORY)
         )
         if self._scale > 0:
             self.create_timer(1.0 / self._rate, self._tick)
         else:
-            self.create_timer(STEPPED_IDLE, self._idle)
-            self._stepping = self.create_timer(STEPPED_PAUSE, self._step)
-            self._stepping.cancel()
+            self.create_timer(STEPPED_PAUSE, self._beat)
         speed = f'{self._scale:g} times real time' if self._scale > 0 else 'stepped'
         self.get_logger().info(f'{self._arm.name}, {self._arm.n} joints, {speed}')
 
@@ -135,17 +135,17 @@ class ArmNode(Node):
         now, self._steps = self._steps[:STEPPED_BURST], self._steps[STEPPED_BURST:]
         for seconds in now:
             self._publish(self._began + round(seconds * SECOND))
-        self._moved = True
-        if self._steps:
-            self._stepping.reset()
-        else:
-            self._stepping.cancel()
+        self._rested = -STEPPED_PATIENCE
 
-    def _idle(self) -> None:
-        """Let time pass for an arm at rest, unless it has just passed in a motion."""
-        if not self._steps and not self._moved:
+    def _beat(self) -> None:
+        """Go on with a long motion, or let time pass for an arm at rest."""
+        if self._steps:
+            self._step()
+            return
+        self._rested += STEPPED_PAUSE
+        if self._rested >= STEPPED_IDLE:
             self._publish(self._time + round(STEPPED_IDLE * SECOND))
-        self._moved = False
+            self._rested = 0.0
 
     def _publish(self, stamp: int) -> None:
         self._time = stamp
@@ -162,7 +162,7 @@ def _spin() -> None:
     try:
         node = ArmNode()
         try:
-            rclpy.spin(node)
+            spin(node)
         finally:
             node.destroy_node()
     except (KeyboardInterrupt, ExternalShutdownException):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.arm import Arm
+from calib_model.arm import Arm, NDArrayBool
 from calib_model.errors import CalibrationError
 from calib_model.rotation import Array, frozen
 
@@ -52,7 +52,7 @@ def checked_trajectory(
     times = np.asarray(seconds, dtype=np.float64)
     q = np.asarray(positions, dtype=np.float64).reshape(-1, arm.n)[:, order]
     _refuse(~np.isfinite(q).all(axis=1), 'has a position that is no number')
-    _refuse(~(np.diff(times, prepend=-1e-9) > 0), 'is not later than the one before')
+    _refuse(~np.greater(times[1:], times[:-1]), 'is later than the one after it')
     for joint, column in zip(arm.joints, q.T, strict=True):
         lower, upper = joint.limits
         outside = (column < lower) | (column > upper)
@@ -60,7 +60,7 @@ def checked_trajectory(
     return Trajectory(frozen(times), frozen(q))
 
 
-def _refuse(bad: np.ndarray[tuple[int, ...], np.dtype[np.bool_]], problem: str) -> None:
+def _refuse(bad: NDArrayBool, problem: str) -> None:
     if bad.any():
         raise TrajectoryError(f'trajectory point {int(np.argmax(bad)) + 1} {problem}')
 
@@ -108,7 +108,7 @@ class Motion:
         return position, np.where(speed * before == 0, 0.0, (speed + before) / 2)
 
     def instants(self) -> Array:
-        """Where a stepped simulation looks, in s: the ends of rests and motions and a few between."""
+        """Where a stepped simulation looks, s: ends of rests and motions, and a few between."""
         found = [np.zeros(1)]
         for begin, end, speed in zip(self.seconds, self.seconds[1:], self._speeds, strict=False):
             resting = np.abs(speed).max() * (end - begin) < REST

@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pairing of probe readings with the joints at their stamps, and what makes a pose count.
+
+A pose counts once per stop of the arm: after the joints have been still for `settle`, the
+readings of the next `dwell` are averaged. Only stamps decide, never the time of arrival, so the
+same streams give the same poses live and from a bag.
+"""
+
+from __future__ import annotations
+
+from bisect import insort
+from collections import deque
+from dataclasses import dataclass
+from enum import Enum
+from itertools import islice
+from typing import NamedTuple
+
+import numpy as np
+
+from calib_model.rotation import Array, frozen
+
+SECOND = 1_000_000_000
+
+
+class Status(Enum):
+    """What a stylus says of its own reading; the values of StylusDisplacements."""
+
+    OK = 0
+    NO_CONTACT = 1
+    OVER_TRAVEL = 2
+    WEAK_SIGNAL = 3
+
+
+class Reason(Enum):
+    """Why a stop of the arm gave no pose."""
+
+    NO_CONTACT = 'no contact'
+    OVER_TRAVEL = 'over-travel'
+    WEAK_SIGNAL = 'weak signal'
+    STYLI_UNSTEADY = 'styli not steady'
+    ARM_UNSTEADY = 'arm not steady long enough'
+    NO_READINGS = 'no probe readings'
+    JOINTS_MISSING = 'joint states missing'
+
+
+@dataclass(frozen=True)
+class SteadySettings:
+    """When a stop counts: times in s, `max_speed` in rad/s, `max_spread` in m (peak to peak).
+
+    `max_gap` is the longest gap between joint states that is interpolated across. Messages of one
+    stream that come up to `lateness` late are put in their place.
+    """
+
+    settle: float = 0.01
+    dwell: float = 0.03
+    max_speed: float = 1e-3
+    max_spread: float = 2e-5
+    max_gap: float = 0.1
+    min_readings: int = 2
+    lateness: float = 0.0
+
+
+@dataclass(frozen=True)
+class SteadyPose:
+    """Averaged readings: `displacement` (3,) in m, `joints` (n,) in rad at `stamp` in ns."""
+
+    stamp: int
+    joints: Array
+    displacement: Array
+    readings: int
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A stop at `joints` (n,), from `stamp` (ns) on, that gave no pose."""
+
+    stamp: int
+    joints: Array
+    reason: Reason
+
+
+Outcome = SteadyPose | Refusal
+
+
+class JointSample(NamedTuple):
+    """The joints (n,) at a stamp in ns."""
+
+    stamp: int
+    joints: Array
+
+
+class Reading(NamedTuple):
+    """Displacements (3,) in m and the status of each stylus, at a stamp in ns."""
+
+    stamp: int
+    displacement: Array
+    status: tuple[int, int, int]
+
+
+def _stamp(sample: JointSample | Reading) -> int:
+    return sample.stamp
+
+
+def joints_at(samples: list[JointSample], stamp: int, max_gap: float) -> Array | None:
+    """The joints (n,) at a stamp, linear between the neighbours among `samples` (in order).
+
+    None outside the samples and where the neighbours are more than `max_gap` (s) apart.
+    """
+    for before, after in zip(samples, samples[1:], strict=False):
+        if before.stamp <= stamp <= after.stamp:
+            gap = after.stamp - before.stamp
+            if gap > max_gap * SECOND:
+                return None
+            weight = (stamp - before.stamp) / gap if gap else 0.0
+            joints: Array = before.joints + weight * (after.joints - before.joints)
+            return joints
+    return None
+
+
+@dataclass
+class _Stop:
+    """The arm standing still: its samples so far, and the readings that fall into it."""
+
+    samples: list[JointSample]
+    answered: bool = False
+
+
+class Pairing:
+    """Takes both streams message by message and gives an outcome for every stop of the arm."""
+
+    def __init__(self, settings: SteadySettings) -> None:
+        self.settings = settings
+        self._early_joints: list[JointSample] = []
+        self._early_readings: list[Reading] = []
+        self._readings: deque[Reading] = deque()
+        self._last_reading = -1
+        self._stop: _Stop | None = None
+        self._waiting: deque[_Stop] = deque()
+        self.too_late = 0  # messages that came after their place had been passed
+        self._settle = round(settings.settle * SECOND)
+        self._window = round((settings.settle + settings.dwell) * SECOND)
+        self._gap = round(settings.max_gap * SECOND)
+        self._lateness = round(settings.lateness * SECOND)
+
+    def add_joints(self, sample: JointSample) -> list[Outcome]:
+        """Take one joint state; returns what it settled."""
+        insort(self._early_joints, sample, key=_stamp)
+        newest = self._early_joints[-1].stamp
+        while self._early_joints and self._early_joints[0].stamp <= newest - self._lateness:
+            self._take_joints(self._early_joints.pop(0))
+        return self._settled()
+
+    def add_reading(self, reading: Reading) -> list[Outcome]:
+        """Take one probe reading; returns what it settled."""
+        insort(self._early_readings, reading, key=_stamp)
+        newest = self._early_readings[-1].stamp
+        while self._early_readings and self._early_readings[0].stamp <= newest - self._lateness:
+            self._take_reading(self._early_readings.pop(0))
+        return self._settled()
+
+    def finish(self) -> list[Outcome]:
+        """Settle with what is there: no more messages are coming for the stops so far."""
+        for sample in self._early_joints:
+            self._take_joints(sample)
+        for reading in self._early_readings:
+            self._take_reading(reading)
+        self._early_joints, self._early_readings = [], []
+        outcomes = [self._outcome(stop) for stop in self._waiting]
+        self._waiting.clear()
+        return outcomes
+
+    def _take_joints(self, sample: JointSample) -> None:
+        if self._stop is None:
+            self._stop = _Stop([sample])
+            return
+        before = self._stop.samples[-1]
+        gap = sample.stamp - before.stamp
+        if gap <= 0:
+            self.too_late += 1
+            return
+        step = np.abs(sample.joints - before.joints).max()
+        if gap > self._gap or step > self.settings.max_speed * gap / SECOND:
+            self._leave(self._stop)
+            self._stop = _Stop([sample])
+            self._forget(before.stamp)
+            return
+        if self._stop.answered:
+            self._stop.samples = [self._stop.samples[0], sample]
+            self._forget(before.stamp)
+            return
+        self._stop.samples.append(sample)
+        if sample.stamp >= self._stop.samples[0].stamp + self._window:
+            self._stop.answered = True
+            # a copy: the stop goes on, its window is complete
+            self._waiting.append(_Stop(list(self._stop.samples), answered=True))
+
+    def _leave(self, stop: _Stop) -> None:
+        """The arm moves on; a stop that was one, but too short, is refused."""
+        lasted = stop.samples[-1].stamp - stop.samples[0].stamp
+        if not stop.answered and lasted >= self._settle and len(stop.samples) > 1:
+            self._waiting.append(stop)
+
+    def _forget(self, stamp: int) -> None:
+        """Drop readings from before a stamp (ns) that no stop is waiting for."""
+        while not self._waiting and self._readings and self._readings[0].stamp < stamp:
+            self._readings.popleft()
+
+    def _take_reading(self, reading: Reading) -> None:
+        if reading.stamp <= self._last_reading:
+            self.too_late += 1
+            return
+        self._last_reading = reading.stamp
+        self._readings.append(reading)
+
+    def _settled(self) -> list[Outcome]:
+        """Outcomes of the stops whose readings are all in: one from after the window has come."""
+        outcomes: list[Outcome] = []
+        while self._waiting:
+            stop = self._waiting[0]
+            if stop.answered and self._last_reading < stop.samples[0].stamp + self._window:
+                break
+            outcomes.append(self._outcome(self._waiting.popleft()))
+        return outcomes
+
+    def _outcome(self, stop: _Stop) -> Outcome:
+        start = stop.samples[0].stamp
+        stands = stop.samples[0].joints
+        if not stop.answered:
+            return Refusal(start, stands, Reason.ARM_UNSTEADY)
+        while self._readings and self._readings[0].stamp < start + self._settle:
+            self._readings.popleft()
+        count = sum(reading.stamp <= start + self._window for reading in self._readings)
+        readings = list(islice(self._readings, count))
+        reason = self._objection(readings)
+        if reason is not None:
+            return Refusal(start, stands, reason)
+        stamp = start + sum(reading.stamp - start for reading in readings) // count
+        joints = joints_at(stop.samples, stamp, self.settings.max_gap)
+        if joints is None:
+            return Refusal(start, stands, Reason.JOINTS_MISSING)
+        mean = np.mean([reading.displacement for reading in readings], axis=0)
+        return SteadyPose(stamp, frozen(joints), frozen(mean), count)
+
+    def _objection(self, readings: list[Reading]) -> Reason | None:
+        """What speaks against a window's readings, the gravest first."""
+        if len(readings) < self.settings.min_readings:
+            return Reason.NO_READINGS
+        found = {status for reading in readings for status in reading.status}
+        for status, reason in (
+            (Status.OVER_TRAVEL, Reason.OVER_TRAVEL),
+            (Status.NO_CONTACT, Reason.NO_CONTACT),
+            (Status.WEAK_SIGNAL, Reason.WEAK_SIGNAL),
+        ):
+            if status.value in found:
+                return reason
+        spread = np.ptp([reading.displacement for reading in readings], axis=0).max()
+        return Reason.STYLI_UNSTEADY if spread > self.settings.max_spread else None

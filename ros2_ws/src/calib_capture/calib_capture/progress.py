@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Telling how far a run has come: a bar on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import TextIO
+
+BAR = 30
+BAR_PERIOD = 0.1  # s
+LINE_PERIOD = 5.0  # s
+
+
+class Progress:
+    """Shows counts of a run, not more often than can be read."""
+
+    def __init__(self, stream: TextIO = sys.stdout) -> None:
+        self._stream = stream
+        self._bar = stream.isatty()
+        self._shown = -math.inf
+        self._open = False
+
+    def show(self, done: int, planned: int, seconds_left: float, where: str, now: float) -> None:
+        """Tell of `done` out of `planned`; `now` is a clock in s."""
+        period = BAR_PERIOD if self._bar else LINE_PERIOD
+        if now - self._shown < period:
+            return
+        self._shown = now
+        left = f', {_duration(seconds_left)} left' if math.isfinite(seconds_left) else ''
+        if not self._bar:
+            print(f'{done} of {planned} poses{left}, {where}', file=self._stream, flush=True)
+            return
+        filled = BAR * done // max(planned, 1)
+        bar = '#' * filled + '.' * (BAR - filled)
+        print(f'\r[{bar}] {done}/{planned}{left}, {where}\x1b[K', end='', file=self._stream)
+        self._stream.flush()
+        self._open = True
+
+    def say(self, line: str) -> None:
+        """A line of its own, clear of the bar."""
+        if self._open:
+            print('\r\x1b[K', end='', file=self._stream)
+            self._open = False
+        print(line, file=self._stream, flush=True)
+
+
+def _duration(seconds: float) -> str:
+    whole = round(seconds)
+    if whole < 60:
+        return f'{whole} s'
+    minutes, rest = divmod(whole, 60)
+    return f'{minutes} min {rest:02d} s' if minutes < 60 else f'{minutes / 60:.1f} h'

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The bag of a measuring run, written while it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+
+from calib_model.arm import Arm
+from calib_model.bag import write_descriptions
+from calib_model.bag_writer import BagWriter
+from calib_model.gauge import Gauge
+from calib_model.probe import Probe
+from calib_model.topics import CAPTURE_POSES, Topic
+
+
+class Recorder:
+    """Writes raw topics and accepted poses; a pose is announced once it is on disk.
+
+    `announce` gets the CDR bytes of each pose, in order, after the flush that made it safe. Poses
+    that come together share a flush: `commit` is for the moment when no more are at hand.
+    """
+
+    def __init__(
+        self, path: str | Path, arm: Arm, probe: Probe, gauge: Gauge,
+        announce: Callable[[bytes], None], time: int,
+    ) -> None:  # fmt: skip
+        self._announce = announce
+        self._unsaved: list[bytes] = []
+        self.path = Path(path)
+        self._bag = BagWriter(self.path)
+        write_descriptions(self._bag, arm, probe, gauge, time)
+        self._bag.flush()
+
+    def raw(self, topic: Topic, data: bytes, time: int) -> None:
+        """Record a message as it came, CDR bytes with their header, received at `time` (ns)."""
+        self._bag.write(topic, data, time, time)
+
+    def pose(self, data: bytes, time: int) -> None:
+        """Record an accepted pose, to be announced with the next `commit`."""
+        self._bag.write(CAPTURE_POSES, data, time, time)
+        self._unsaved.append(data)
+
+    def commit(self) -> None:
+        """Put the poses so far on disk, then announce them."""
+        if not self._unsaved:
+            return
+        self._bag.flush()
+        saved, self._unsaved = self._unsaved, []
+        for data in saved:
+            self._announce(data)
+
+    def close(self) -> None:
+        """Save what there is and finish the bag; further calls do nothing."""
+        try:
+            self.commit()
+        finally:
+            self._bag.close()
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A measuring run: what to command next, what came of it, when it is over. Knows no graph."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calib_capture.order import travel_time
+from calib_capture.pairing import Outcome, Reason, Refusal, SteadyPose
+from calib_capture.program import PlannedPose
+from calib_capture.trajectory import Trajectory
+from calib_model.arm import Arm
+from calib_model.errors import CalibrationError
+from calib_model.rotation import Array
+
+NO_ANSWER = 'no answer'
+#: what the sphere's place decides comes out the same when tried again, the rest may not
+WORTH_ANOTHER_TRY = (
+    Reason.NO_READINGS, Reason.JOINTS_MISSING, Reason.ARM_UNSTEADY, Reason.STYLI_UNSTEADY,
+)  # fmt: skip
+SHORTEST_MOVE = 0.01  # s
+STEP_ASIDE = 0.01  # rad of the last joint: enough for a new stop, little for the probe
+
+
+class RunError(CalibrationError):
+    """A measuring run that cannot go on."""
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """How poses are commanded: `batch` at a time, each held for `hold` s.
+
+    `speed` is the share of the joints' largest speeds at which the arm goes from pose to pose.
+
+    `answer_timeout` (s of the wall clock) after the last sign of life the poses of a batch that
+    have no outcome get none; `give_up` (s) without any accepted or refused pose ends the run.
+    `tolerance` (rad) is how near to the planned joints a stop must be to be that pose's.
+    """
+
+    batch: int = 8
+    hold: float = 0.06
+    speed: float = 0.3
+    answer_timeout: float = 3.0
+    give_up: float = 30.0
+    tolerance: float = 2e-3
+    attempts: int = 2
+
+
+@dataclass(frozen=True)
+class TakenPose:
+    """An accepted pose: what was planned and what was measured."""
+
+    planned: PlannedPose
+    measured: SteadyPose
+
+
+@dataclass
+class Tally:
+    """How the run is going."""
+
+    planned: int
+    taken: int = 0
+    refused: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def done(self) -> int:
+        """Poses that need no more attention."""
+        return self.taken + sum(self.refused.values())
+
+    def line(self) -> str:
+        """Counts in words."""
+        parts = [f'{count} {reason}' for reason, count in self.refused.most_common()]
+        refused = sum(self.refused.values())
+        why = f' ({", ".join(parts)})' if parts else ''
+        return f'{self.taken} poses taken, {refused} refused{why}'
+
+
+class MeasuringRun:
+    """Commands the poses of a program batch by batch and matches the outcomes to them.
+
+    The next batch goes out when every pose of the last has its outcome, so that a trajectory
+    never replaces one that is still needed.
+    """
+
+    def __init__(
+        self, arm: Arm, poses: Sequence[PlannedPose], settings: RunSettings, now: float
+    ) -> None:
+        self.settings = settings
+        self.tally = Tally(len(poses))
+        self._arm = arm
+        self._todo = deque((pose, 1) for pose in poses)
+        self._open: list[tuple[PlannedPose, int]] = []
+        self._here: Array | None = None
+        self._sign_of_life = self._progress = self._start = now
+
+    @property
+    def finished(self) -> bool:
+        """Whether every pose has been taken or given up."""
+        return not self._todo and not self._open
+
+    @property
+    def current(self) -> PlannedPose | None:
+        """The pose that is being waited for."""
+        return self._open[0][0] if self._open else None
+
+    def next_trajectory(self, now: float) -> Trajectory | None:
+        """The next batch as a trajectory, None while poses of the last one are open."""
+        if self._open or not self._todo or self._here is None:
+            return None
+        count = min(self.settings.batch, len(self._todo))
+        self._open = [self._todo.popleft() for _ in range(count)]
+        self._sign_of_life = now
+        return self._way([pose for pose, _ in self._open])
+
+    def _way(self, poses: list[PlannedPose]) -> Trajectory:
+        """To each pose and a rest there; approach and retract have their place here."""
+        assert self._here is not None
+        seconds, positions, now, here = [], [], 0.0, self._here
+        velocity = self.settings.speed * self._arm.velocity
+        if np.abs(here - poses[0].joints).max() <= self.settings.tolerance:
+            here = self._aside(here)
+            now += SHORTEST_MOVE
+            seconds, positions = [now], [here]
+        for pose in poses:
+            way = float(travel_time(here, pose.joints[None], velocity)[0])
+            now += max(way, SHORTEST_MOVE)
+            seconds += [now, now + self.settings.hold]
+            positions += [pose.joints, pose.joints]
+            now, here = now + self.settings.hold, pose.joints
+        return Trajectory(np.array(seconds), np.array(positions))
+
+    def _aside(self, here: Array) -> Array:
+        """A posture close by: an arm that never left makes no new stop."""
+        lower, upper = self._arm.limits[-1]
+        aside = here.copy()
+        aside[-1] += -STEP_ASIDE if here[-1] > np.clip(0.0, lower, upper) else STEP_ASIDE
+        return aside
+
+    def see(self, joints: Array, now: float) -> None:
+        """Take note of where the arm is; while it moves, an answer can still come."""
+        if self._here is None or np.abs(joints - self._here).max() > self.settings.tolerance:
+            self._sign_of_life = now
+        self._here = joints
+
+    def take(self, outcome: Outcome, now: float) -> TakenPose | None:
+        """The accepted pose, None for a refusal and for a stop that nobody planned."""
+        place = self._place_of(outcome.joints)
+        if place is None:
+            return None
+        for pose, attempt in self._open[:place]:
+            self._again(pose, attempt, NO_ANSWER)  # the arm has passed it by
+        planned, attempt = self._open[place]
+        self._open = self._open[place + 1 :]
+        self._sign_of_life = self._progress = now
+        if isinstance(outcome, Refusal):
+            if outcome.reason in WORTH_ANOTHER_TRY:
+                self._again(planned, attempt, outcome.reason.value)
+            else:
+                self.tally.refused[outcome.reason.value] += 1
+            return None
+        self.tally.taken += 1
+        return TakenPose(planned, outcome)
+
+    def _place_of(self, joints: Array) -> int | None:
+        for place, (pose, _) in enumerate(self._open):
+            if np.abs(pose.joints - joints).max() <= self.settings.tolerance:
+                return place
+        return None
+
+    def _again(self, pose: PlannedPose, attempt: int, reason: str) -> None:
+        if attempt < self.settings.attempts:
+            self._todo.appendleft((pose, attempt + 1))
+        else:
+            self.tally.refused[reason] += 1
+
+    def overdue(self, now: float) -> bool:
+        """Whether the open poses have gone without a sign of life for too long."""
+        return bool(self._open) and now - self._sign_of_life > self.settings.answer_timeout
+
+    def close_batch(self, now: float) -> None:
+        """Give up waiting for the open poses; each is tried once more, then refused.
+
+        Raises:
+            RunError: nothing has come of any pose for too long.
+        """
+        if now - self._progress > self.settings.give_up:
+            raise RunError(
+                f'no pose has been answered for {now - self._progress:.0f} s, giving up: '
+                f'{self.tally.line()} of {self.tally.planned}'
+            )
+        for pose, attempt in reversed(self._open):
+            self._again(pose, attempt, NO_ANSWER)
+        self._open = []
+        self._sign_of_life = now
+
+    def seconds_left(self, now: float) -> float:
+        """An estimate from the pace so far, s."""
+        if not self.tally.done:
+            return float('nan')
+        return (now - self._start) / self.tally.done * (self.tally.planned - self.tally.done)
