@@ -114,6 +114,19 @@ def test_single_spheres_everywhere_leave_the_distances_null(active_scene):
     assert record['quality']['identified']['distance']['count'] == 0
 
 
+def test_the_record_says_of_each_parameter_whether_it_was_free_and_why_not(passive_scene):
+    done = identify(passive_scene.measured, Options(fix=('a3',)))
+    records = {p['name']: p for p in result_record(done)['parameters']}
+    frozen = {name for name, p in records.items() if not p['free']}
+    by_construction = {'d1', 'theta_0_1', 'd2', 'a6', 'alpha6', 'd6', 'theta_0_6'}
+    assert frozen == by_construction | {'a3', 'probe_rx', 'probe_ry', 'probe_rz'}
+    assert records['a3']['reason'] == 'fixed by the user'
+    for name, p in records.items():
+        assert p['identifiable'] == (name not in frozen)
+        assert p['initial'] == done.table.nominal[done.table.column(name)]
+        assert (p['identified'] != p['initial']) == p['free']
+
+
 def test_the_worst_is_named_where_it_is(passive_scene):
     record = result_record(identify(passive_scene.measured))
     quality = record['quality']['identified']
