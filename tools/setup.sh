@@ -28,7 +28,8 @@ make_venv() {
   local python
   python=$(tools/preflight.sh)
   echo "set-up: .venv with $("$python" --version)"
-  rm -rf .venv
+  # What was built belongs to the interpreter and the folder it was built with.
+  rm -rf .venv ros2_ws/build ros2_ws/install
   "$python" -m venv .venv
   echo "$root" >.venv/place
 }
