@@ -52,7 +52,7 @@ PARTS: dict[str, Callable[[Given], Part]] = {
     'scipy': lambda given: against_scipy(given.poses, min(given.rounds, FEW_ROUNDS)),
     'pybotics': lambda given: against_pybotics(given.poses, min(given.rounds, FEW_ROUNDS)),
     'kernel': lambda given: against_numpy(given.poses, given.rounds),
-    'scale': lambda given: scale(tuple(given.sizes), min(given.rounds, FEW_ROUNDS)),
+    'scale': lambda given: scale(tuple(given.sizes), min(given.rounds, FEW_ROUNDS - 2)),
     'command': lambda given: whole_command(given.poses, min(given.rounds, FEW_ROUNDS)),
 }
 
@@ -67,13 +67,13 @@ def machine() -> dict[str, object]:
     """What the absolute times depend on."""
     return {
         'cores': os.cpu_count(), 'processor': platform.machine(),
-        'python': platform.python_version(), 'numpy': np.__version__, 'scipy': scipy.__version__,
+        'load': os.getloadavg()[0], 'python': platform.python_version(), 'numpy': np.__version__, 'scipy': scipy.__version__,
     }  # fmt: skip
 
 
-def record(parts: dict[str, Part]) -> dict[str, object]:
+def record(parts: dict[str, Part], on: dict[str, object]) -> dict[str, object]:
     """The content of bench.json."""
-    content: dict[str, object] = {'schema': 1, 'machine': machine()}
+    content: dict[str, object] = {'schema': 1, 'machine': on}
     content['parts'] = {
         name: {**asdict(part), 'targets': [{**asdict(t), 'met': t.met} for t in part.targets]}
         for name, part in parts.items()
@@ -85,11 +85,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Entry point: exit code 0, with --strict 1 when a target is missed."""
     given = arguments().parse_args(argv)
     parts: dict[str, Part] = {}
+    on = machine()
+    print(f'{on["cores"]} cores, load {on["load"]:.1f} before the start\n', flush=True)
     for name, part in run(given):
         print(table(part) + '\n', flush=True)
         parts[name] = part
     given.output.parent.mkdir(parents=True, exist_ok=True)
-    given.output.write_text(json.dumps(record(parts), indent=1) + '\n', encoding='utf-8')
+    given.output.write_text(json.dumps(record(parts, on), indent=1) + '\n', encoding='utf-8')
     print(f'wrote {given.output}')
     missed = [target for part in parts.values() for target in part.targets if not target.met]
     return 1 if given.strict and missed else 0
