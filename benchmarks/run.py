@@ -67,7 +67,8 @@ def machine() -> dict[str, object]:
     """What the absolute times depend on."""
     return {
         'cores': os.cpu_count(), 'processor': platform.machine(),
-        'load': os.getloadavg()[0], 'python': platform.python_version(), 'numpy': np.__version__, 'scipy': scipy.__version__,
+        'load': os.getloadavg()[0], 'python': platform.python_version(),
+        'numpy': np.__version__, 'scipy': scipy.__version__,
     }  # fmt: skip
 
 
