@@ -36,7 +36,7 @@ from calib_model.urdf import arm_urdf
 STEPPED_IDLE = 0.05  # s: in stepped simulation an arm at rest lives in real time, at this beat
 STEPPED_BURST = 40  # states published at once: less than half of what a subscriber keeps
 STEPPED_PAUSE = 0.005  # s between bursts of one motion, for the subscribers to take them in
-STEPPED_PATIENCE = 0.2  # s before an arm is taken to be at rest, not to be waiting for the next goal
+STEPPED_PATIENCE = 0.2  # s before an arm counts as at rest, not as waiting for the next goal
 
 
 class ArmNode(Node):

@@ -93,7 +93,7 @@ class CaptureNode(Node):
         )
         self._run_settings = RunSettings(
             speed=self._number('speed', 0.3, 'of each joint, share of its limit', 1e-3, 1.0),
-            batch=self._whole('batch', 8, 'poses commanded in one trajectory', 1, 100),
+            batch=self._whole('batch', RunSettings.batch, 'poses commanded at once', 1, 100),
             hold=self._steady.settle + self._steady.dwell + self._number(
                 'rest', 0.02, 's that a pose is held beyond settle and dwell', 0.0, 60.0),
             answer_timeout=self._number(
@@ -197,7 +197,7 @@ class CaptureNode(Node):
         recorder = Recorder(
             self.output, self._arm, self._probe, self._gauge, self._announce, time.time_ns()
         )
-        run = MeasuringRun(self._arm, program.poses, self._run_settings, time.monotonic())
+        run = MeasuringRun(self._arm, program, self._run_settings, time.monotonic())
         self._session = CaptureSession(
             run, Pairing(self._steady), recorder, self._arm.base_frame,
             self._command, time.monotonic, time.time_ns,

@@ -24,6 +24,8 @@ def short_order(
 
     An item (K, n) is one posture written in K ways, full turns apart.
     """
+    if not choices:
+        return []
     postures = np.concatenate(choices)
     item = np.repeat(np.arange(len(choices)), [len(each) for each in choices])
     first = np.searchsorted(item, np.arange(len(choices)))

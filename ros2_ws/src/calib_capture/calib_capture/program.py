@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -25,6 +26,7 @@ from calib_model.rotation import Array, RigidTransform, frozen
 # one number each for: direction (2), spin, offset (2), its length, redundant joint
 CHOICES = 7
 TRIES_PER_POSE = 40
+SPARE_SHARE = 0.2
 
 
 class ProgramError(CalibrationError):
@@ -60,11 +62,15 @@ class PlannedPose:
 
 @dataclass(frozen=True)
 class SpherePlan:
-    """The poses of one sphere, in the order of visit, and what it took to find them."""
+    """The poses of one sphere, in the order of visit, and what it took to find them.
+
+    `spares` take the place of poses at which the sphere turns out to be beyond the styli.
+    """
 
     location: int
     sphere: int
     poses: tuple[PlannedPose, ...]
+    spares: tuple[PlannedPose, ...]
     orientations: int
     unreachable: int
 
@@ -160,23 +166,28 @@ class Planner:
         choices: list[Array] = []
         seats: list[Array] = []
         tried = unreachable = 0
+        wanted = self.settings.poses_per_sphere
+        spare = math.ceil(SPARE_SHARE * wanted)
         for T_base_flange, p_probe_sphere, redundant in self._hands(
             T_base_gauge.rotation, p_base_sphere, location, sphere
         ):
-            if len(choices) >= self.settings.poses_per_sphere:
+            if len(choices) >= wanted + spare:
                 break
             tried += 1
             branches = self._branches(T_base_flange, redundant)
             unreachable += not branches
             choices += branches
             seats += [p_probe_sphere] * len(branches)
-        choices = choices[: self.settings.poses_per_sphere]
-        order = short_order(here, choices, self.arm.velocity) if choices else []
+        first, rest = choices[:wanted], choices[wanted : wanted + spare]
         poses = tuple(
-            PlannedPose(location, sphere, frozen(choices[item][which]), frozen(seats[item]))
-            for item, which in order
+            PlannedPose(location, sphere, frozen(first[item][which]), frozen(seats[item]))
+            for item, which in short_order(here, first, self.arm.velocity)
         )
-        return SpherePlan(location, sphere, poses, tried, unreachable)
+        spares = tuple(
+            PlannedPose(location, sphere, frozen(postures[0]), frozen(seat))
+            for postures, seat in zip(rest, seats[wanted:], strict=False)
+        )
+        return SpherePlan(location, sphere, poses, spares, tried, unreachable)
 
     def _hands(
         self, R_base_gauge: Array, p_base_sphere: Array, location: int, sphere: int

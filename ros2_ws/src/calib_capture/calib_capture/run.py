@@ -4,14 +4,13 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from calib_capture.order import travel_time
 from calib_capture.pairing import Outcome, Reason, Refusal, SteadyPose
-from calib_capture.program import PlannedPose
+from calib_capture.program import PlannedPose, Program
 from calib_capture.trajectory import Trajectory
 from calib_model.arm import Arm
 from calib_model.errors import CalibrationError
@@ -22,7 +21,7 @@ NO_ANSWER = 'no answer'
 WORTH_ANOTHER_TRY = (
     Reason.NO_READINGS, Reason.JOINTS_MISSING, Reason.ARM_UNSTEADY, Reason.STYLI_UNSTEADY,
 )  # fmt: skip
-SHORTEST_MOVE = 0.01  # s
+SHORTEST_MOVE = 0.15  # s: arms take their time to set off and to stop
 STEP_ASIDE = 0.01  # rad of the last joint: enough for a new stop, little for the probe
 
 
@@ -41,7 +40,7 @@ class RunSettings:
     `tolerance` (rad) is how near to the planned joints a stop must be to be that pose's.
     """
 
-    batch: int = 8
+    batch: int = 10
     hold: float = 0.06
     speed: float = 0.3
     answer_timeout: float = 3.0
@@ -64,18 +63,19 @@ class Tally:
 
     planned: int
     taken: int = 0
+    replaced: int = 0
     refused: Counter[str] = field(default_factory=Counter)
 
     @property
     def done(self) -> int:
-        """Poses that need no more attention."""
-        return self.taken + sum(self.refused.values())
+        """Of the planned poses, those that need no more attention."""
+        return self.taken + sum(self.refused.values()) - self.replaced
 
     def line(self) -> str:
         """Counts in words."""
         parts = [f'{count} {reason}' for reason, count in self.refused.most_common()]
         refused = sum(self.refused.values())
-        why = f' ({", ".join(parts)})' if parts else ''
+        why = f' ({", ".join(parts)}; {self.replaced} replaced)' if parts else ''
         return f'{self.taken} poses taken, {refused} refused{why}'
 
 
@@ -87,12 +87,13 @@ class MeasuringRun:
     """
 
     def __init__(
-        self, arm: Arm, poses: Sequence[PlannedPose], settings: RunSettings, now: float
+        self, arm: Arm, program: Program, settings: RunSettings, now: float
     ) -> None:
         self.settings = settings
-        self.tally = Tally(len(poses))
+        self.tally = Tally(len(program.poses))
+        self._spares = {(plan.location, plan.sphere): list(plan.spares) for plan in program.spheres}
         self._arm = arm
-        self._todo = deque((pose, 1) for pose in poses)
+        self._todo = deque[tuple[PlannedPose, int]]((pose, 1) for pose in program.poses)
         self._open: list[tuple[PlannedPose, int]] = []
         self._here: Array | None = None
         self._sign_of_life = self._progress = self._start = now
@@ -123,7 +124,7 @@ class MeasuringRun:
         velocity = self.settings.speed * self._arm.velocity
         if np.abs(here - poses[0].joints).max() <= self.settings.tolerance:
             here = self._aside(here)
-            now += SHORTEST_MOVE
+            now = SHORTEST_MOVE
             seconds, positions = [now], [here]
         for pose in poses:
             way = float(travel_time(here, pose.joints[None], velocity)[0])
@@ -160,7 +161,7 @@ class MeasuringRun:
             if outcome.reason in WORTH_ANOTHER_TRY:
                 self._again(planned, attempt, outcome.reason.value)
             else:
-                self.tally.refused[outcome.reason.value] += 1
+                self._refuse(planned, outcome.reason.value)
             return None
         self.tally.taken += 1
         return TakenPose(planned, outcome)
@@ -175,7 +176,15 @@ class MeasuringRun:
         if attempt < self.settings.attempts:
             self._todo.appendleft((pose, attempt + 1))
         else:
-            self.tally.refused[reason] += 1
+            self._refuse(pose, reason)
+
+    def _refuse(self, pose: PlannedPose, reason: str) -> None:
+        """Count a pose as refused; another one of its sphere is tried in its place."""
+        self.tally.refused[reason] += 1
+        spares = self._spares[pose.location, pose.sphere]
+        if spares and reason != NO_ANSWER:
+            self._todo.appendleft((spares.pop(0), 1))
+            self.tally.replaced += 1
 
     def overdue(self, now: float) -> bool:
         """Whether the open poses have gone without a sign of life for too long."""

@@ -13,7 +13,7 @@ from calib_model.errors import CalibrationError
 from calib_model.rotation import Array, frozen
 
 DWELL_STEP = 0.05  # s: at rest, states this near let a probe be read between them
-MOTION_STEP = 0.25  # s: on the way, further apart than readings are taken across
+MOTION_STEP = 1.0  # s: on the way, where nothing is measured
 REST = 1e-12  # rad
 
 
@@ -51,7 +51,7 @@ def checked_trajectory(
     order = [list(names).index(name) for name in arm.joint_names]
     times = np.asarray(seconds, dtype=np.float64)
     q = np.asarray(positions, dtype=np.float64).reshape(-1, arm.n)[:, order]
-    _refuse(~np.isfinite(q).all(axis=1), 'has a position that is no number')
+    _refuse(np.any(~np.isfinite(q), axis=1), 'has a position that is no number')
     _refuse(~np.greater(times[1:], times[:-1]), 'is later than the one after it')
     for joint, column in zip(arm.joints, q.T, strict=True):
         lower, upper = joint.limits
