@@ -35,5 +35,9 @@ class RankError(CalibrationError):
     """Measurements that leave what was asked for undetermined."""
 
 
+class FitError(CalibrationError):
+    """A fit that ended worse than it began."""
+
+
 class ContactError(CalibrationError):
     """Stylus readings or sphere centres for which the contact has no solution."""

@@ -103,16 +103,16 @@ class ParameterTable:
 
     def frozen_at(self, columns: Iterable[int], reason: str) -> ParameterTable:
         """The same table with these columns held at their nominal values, and why."""
-        return self._changed(columns, free=False, reason=reason)
-
-    def freed(self, columns: Iterable[int]) -> ParameterTable:
-        """The same table with these columns identified."""
-        return self._changed(columns, free=True, reason='')
-
-    def _changed(self, columns: Iterable[int], free: bool, reason: str) -> ParameterTable:
         rows = list(self.parameters)
         for i in columns:
-            rows[i] = replace(rows[i], free=free, reason=reason)
+            rows[i] = replace(rows[i], free=False, reason=reason)
+        return replace(self, parameters=tuple(rows))
+
+    def freed(self, columns: Iterable[int]) -> ParameterTable:
+        """The same table with these columns identified; why they were not is kept."""
+        rows = list(self.parameters)
+        for i in columns:
+            rows[i] = replace(rows[i], free=True)
         return replace(self, parameters=tuple(rows))
 
     def full(self, free: Array) -> Array:

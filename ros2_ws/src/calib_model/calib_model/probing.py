@@ -132,5 +132,12 @@ def group_by_sphere(
     location: NDArray[np.int64], sphere: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The probed spheres, sorted: keys (S, 2) of location and sphere, and each pose's row (N,)."""
-    keys, row = np.unique(np.stack([location, sphere], axis=1), axis=0, return_inverse=True)
-    return keys, row.reshape(-1)
+    # two short searches instead of one over rows, which numpy sorts as bytes
+    locations, location_row = np.unique(location, return_inverse=True)
+    spheres, sphere_row = np.unique(sphere, return_inverse=True)
+    code = location_row * len(spheres) + sphere_row
+    present = np.flatnonzero(np.bincount(code, minlength=len(locations) * len(spheres)))
+    place = np.zeros(len(locations) * len(spheres), dtype=np.int64)
+    place[present] = np.arange(len(present))
+    keys = np.stack([locations[present // len(spheres)], spheres[present % len(spheres)]], axis=1)
+    return keys, place[code]

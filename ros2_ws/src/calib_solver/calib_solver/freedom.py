@@ -25,7 +25,7 @@ def identifiable_table(
     """The table of an arm and its probe with what no probing can show frozen, and why.
 
     `fix` and `free` are names or patterns that the user freezes or frees all the same; `free`
-    is applied last.
+    wins, and what no probing can show stays named as such.
 
     Raises:
         DataError: a pattern matches no parameter.
@@ -34,11 +34,10 @@ def identifiable_table(
     table = _freeze_base(table)
     table = _freeze_flange(table, arm, probe)
     table = _use_hayati(table, arm)
-    for pattern in fix:
-        table = table.frozen_at(table.matching(pattern), 'fixed by the user')
-    for pattern in free:
-        table = table.freed(table.matching(pattern))
-    return table
+    freed = {column for pattern in free for column in table.matching(pattern)}
+    fixed = {column for pattern in fix for column in table.matching(pattern)} - freed
+    movable = [column for column in fixed if table.parameters[column].free]
+    return table.frozen_at(movable, 'fixed by the user').freed(freed)
 
 
 def parallel_joints(arm: Arm) -> list[int]:

@@ -4,40 +4,49 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from calib_model.arm import Arm
-from calib_model.errors import DataError, RankError
+from calib_model.errors import DataError, FitError, RankError
 from calib_model.parameters import ParameterTable
 from calib_model.probe import PassiveProbe, Probe
 from calib_model.probing import Measurement
 from calib_model.rotation import Array
 from calib_solver.freedom import identifiable_table
-from calib_solver.levenberg import Fit, minimise
+from calib_solver.levenberg import ROUNDING, Fit, minimise
 from calib_solver.objectives import Objective, Quadratic, objective
 from calib_solver.observability import Observability, observe
 from calib_solver.prior import DEFAULT_PRIOR, Prior
 from calib_solver.probe_fit import ProbeFit, fit_probe
 from calib_solver.problem import Problem
 from calib_solver.quality import Quality, assess
-from calib_solver.sums import accumulate
+from calib_solver.rejection import Rejected, clean
+from calib_solver.sums import SphereSums, accumulate
+from calib_solver.uncertainty import Uncertainty, estimate_uncertainty
+
+LOSSES = ('rejecting', 'plain')
 
 
 @dataclass(frozen=True)
 class Options:
-    """What a user can choose: the objective, parameters to fix or free by pattern, the prior."""
+    """What a user can choose: the objective, parameters to fix or free by pattern, the prior, and
+    the loss: `rejecting` leaves gross errors out, `plain` keeps every pose."""
 
     objective: str = 'distance_repeatability'
     fix: tuple[str, ...] = ()
     free: tuple[str, ...] = ()
     prior: Prior = DEFAULT_PRIOR
+    loss: str = 'rejecting'
 
 
 @dataclass(frozen=True)
 class Identification:
-    """A solved calibration: parameters before and after, their fit, and the quality of both."""
+    """A solved calibration: parameters before and after, their fit, and the quality of both.
+
+    `problem` holds the poses that were used; `full` are all columns of `table`.
+    """
 
     problem: Problem
     options: Options
@@ -47,11 +56,13 @@ class Identification:
     probe: Probe
     fit: Fit
     observability: Observability
+    uncertainty: Uncertainty
     probe_fit: ProbeFit | None
     initial: Quality
     identified: Quality
+    rejected: tuple[Rejected, ...]
     seconds: float
-    warnings: tuple[str, ...] = field(default=())
+    warnings: tuple[str, ...]
 
 
 def identify(measured: Measurement, options: Options | None = None) -> Identification:
@@ -59,79 +70,121 @@ def identify(measured: Measurement, options: Options | None = None) -> Identific
 
     Raises:
         DataError: the poses do not fit the descriptions, or there are not enough of them.
-        RankError: nothing can be told from these poses, or the fit is worse than its start.
+        RankError: nothing can be told from these poses.
+        FitError: the fit is worse than its start.
     """
     begun = time.perf_counter()
     options = options or Options()
+    if options.loss not in LOSSES:
+        raise DataError(f'no loss {options.loss!r}: expected one of {", ".join(LOSSES)}')
     problem = Problem.of(measured)
     table = identifiable_table(measured.arm, measured.probe, options.fix, options.free)
-    chosen = objective(options.objective)
-    _refuse_too_little(problem, chosen, table, options)
-    evaluator = _Evaluator(problem, table, chosen)
+    solver = _Solver(table, options)
+    solver.refuse_too_little(problem)
     probe_fit, warnings = _try_probe_fit(problem)
-    start = _start(evaluator, table, probe_fit)
-    fit = minimise(evaluator, start, options.prior.sigmas(table), options.prior.information(table))
-    full = table.full(table.nominal[table.free_columns] + fit.x)
+    solver.start_from(problem, probe_fit)
+    rejected: tuple[Rejected, ...] = ()
+    if options.loss == 'rejecting':
+        cleaned = clean(problem, solver.arm_and_probe)
+        problem, rejected = cleaned.problem, cleaned.rejected
+        warnings += cleaned.warnings
+        solver.refuse_too_little(problem)
+    fit = solver.solve(problem)
+    solver.refuse_worse(problem, fit)
+    full = solver.full(fit.x)
     arm, probe = table.apply(full, measured.arm, measured.probe)
-    seconds = time.perf_counter() - begun
+    sums = accumulate(problem, table, full)
+    uncertainty = estimate_uncertainty(
+        problem, options.objective, sums, fit.quadratic, fit.kappa,
+        solver.information, options.prior.strength,
+    )  # fmt: skip
     return Identification(
         problem, options, table, full, arm, probe, fit,
-        observe(table, fit, options.prior), probe_fit,
+        observe(table, fit, solver.scale), uncertainty, probe_fit,
         assess(problem, measured.arm, measured.probe), assess(problem, arm, probe),
-        seconds, tuple(warnings),
+        rejected, time.perf_counter() - begun, tuple(warnings),
     )  # fmt: skip
 
 
-class _Evaluator:
-    """The objective as a function of the free parameters' offsets from nominal."""
+class _Solver:
+    """One table, prior and objective, for as many problems as it takes."""
 
-    def __init__(self, problem: Problem, table: ParameterTable, chosen: Objective) -> None:
-        self.problem = problem
+    def __init__(self, table: ParameterTable, options: Options) -> None:
         self.table = table
-        self.objective = chosen
+        self.options = options
+        self.objective: Objective = objective(options.objective)
         self.nominal = table.nominal[table.free_columns]
+        self.scale = options.prior.sigmas(table)
+        self.information = options.prior.information(table)
+        self.start: Array = np.zeros(len(self.nominal))
 
-    def __call__(self, x: Array) -> Quadratic:
-        sums = accumulate(self.problem, self.table, self.table.full(self.nominal + x))
-        return self.objective(self.problem, sums)
+    def full(self, x: Array) -> Array:
+        """All columns from offsets of the free ones."""
+        return self.table.full(self.nominal + x)
+
+    def sums(self, problem: Problem, x: Array) -> SphereSums:
+        """The sums at offsets x."""
+        return accumulate(problem, self.table, self.full(x))
+
+    def value(self, problem: Problem, x: Array) -> Quadratic:
+        """The objective at offsets x."""
+        return self.objective(problem, self.sums(problem, x))
+
+    def solve(self, problem: Problem) -> Fit:
+        """The minimum, started from where the last one was found."""
+        fit = minimise(lambda x: self.value(problem, x), self.start, self.scale, self.information)
+        self.start = fit.x
+        return fit
+
+    def arm_and_probe(self, problem: Problem) -> tuple[Arm, Probe]:
+        """The best arm and probe for a problem."""
+        full = self.full(self.solve(problem).x)
+        return self.table.apply(full, problem.measured.arm, problem.measured.probe)
+
+    def start_from(self, problem: Problem, probe_fit: ProbeFit | None) -> None:
+        """Start from nominal, or with the mount of eq. 15 where that fits better."""
+        if probe_fit is None:
+            return
+        full = self.table.nominal.copy()
+        mount = probe_fit.flange_T_probe
+        full[-6:-3], full[-3:] = mount.translation, mount.rotation_vector
+        fitted = full[self.table.free_columns] - self.nominal
+        if self.value(problem, fitted).phi < self.value(problem, self.start).phi:
+            self.start = fitted
+
+    def refuse_worse(self, problem: Problem, fit: Fit) -> None:
+        """Raise where the fit has a higher objective than the nominal parameters."""
+        nominal = self.value(problem, np.zeros(len(fit.x)))
+        rounding = nominal.terms * ROUNDING**2
+        if not fit.quadratic.phi <= nominal.phi * (1 + 1e-9) + rounding:
+            raise FitError(
+                f'{problem.measured.source}: the fit is worse than the nominal parameters '
+                f'(phi {fit.quadratic.phi:.3g} against {nominal.phi:.3g} m^2): {fit.reason}'
+            )
+
+    def refuse_too_little(self, problem: Problem) -> None:
+        """Raise where the poses cannot carry the objective at all."""
+        quadratic = self.value(problem, np.zeros(len(self.nominal)))
+        source, free = problem.measured.source, len(self.nominal)
+        if quadratic.terms == 0:
+            raise DataError(
+                f'{source}: objective {self.options.objective} has no terms here: '
+                'it needs two spheres in one location or several poses of one sphere'
+            )
+        if not np.isfinite(quadratic.phi):
+            raise DataError(f'{source}: the nominal parameters give no finite points')
+        if self.options.prior.strength == 0 and quadratic.terms < free:
+            raise RankError(
+                f'{source}: {int(quadratic.terms)} residuals cannot tell '
+                f'{free} parameters without a prior'
+            )
 
 
-def _refuse_too_little(
-    problem: Problem, chosen: Objective, table: ParameterTable, options: Options
-) -> None:
-    sums = accumulate(problem, table, table.nominal)
-    quadratic = chosen(problem, sums)
-    if quadratic.terms == 0:
-        raise DataError(
-            f'{problem.measured.source}: objective {options.objective} has no terms here: '
-            'needs two spheres in one location or several poses of one sphere'
-        )
-    if options.prior.strength == 0 and quadratic.terms < len(table.free_columns):
-        raise RankError(
-            f'{problem.measured.source}: {int(quadratic.terms)} residuals cannot tell '
-            f'{len(table.free_columns)} parameters without a prior'
-        )
-    if not np.isfinite(quadratic.phi):
-        raise DataError(f'{problem.measured.source}: the nominal parameters give no finite points')
-
-
-def _try_probe_fit(problem: Problem) -> tuple[ProbeFit | None, list[str]]:
+def _try_probe_fit(problem: Problem) -> tuple[ProbeFit | None, tuple[str, ...]]:
     """Eq. 15 as a start for P; an active probe whose readings cannot tell it gets a warning."""
     if isinstance(problem.measured.probe, PassiveProbe):
-        return None, []
+        return None, ()
     try:
-        return fit_probe(problem), []
+        return fit_probe(problem), ()
     except RankError as error:
-        return None, [str(error)]
-
-
-def _start(evaluator: _Evaluator, table: ParameterTable, probe_fit: ProbeFit | None) -> Array:
-    """Offsets to start from: nominal, or with the mount of eq. 15 where that fits better."""
-    nominal = np.zeros(len(table.free_columns))
-    if probe_fit is None:
-        return nominal
-    full = table.nominal.copy()
-    mount = probe_fit.flange_T_probe
-    full[-6:-3], full[-3:] = mount.translation, mount.rotation_vector
-    fitted = full[table.free_columns] - table.nominal[table.free_columns]
-    return fitted if evaluator(fitted).phi < evaluator(nominal).phi else nominal
+        return None, (str(error),)

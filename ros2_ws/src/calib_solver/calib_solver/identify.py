@@ -79,6 +79,12 @@ def arguments() -> CommandParser:
         metavar='CHOICE',
         help='none, a strength (default 10), or a YAML file of standard deviations',
     )
+    parser.add_argument(
+        '--loss',
+        default='rejecting',
+        metavar='NAME',
+        help='rejecting (default): gross errors are left out and listed; plain: every pose counts',
+    )
     return parser
 
 
@@ -90,7 +96,11 @@ def run(argv: Sequence[str] | None = None) -> Calibration:
     """
     given = arguments().parse_args(argv)
     options = Options(
-        given.objective, tuple(given.fix), tuple(given.free), chosen_prior(given.prior)
+        given.objective,
+        tuple(given.fix),
+        tuple(given.free),
+        chosen_prior(given.prior),
+        given.loss,
     )
     sources = Sources(tuple(given.bag), given.arm, given.probe, given.gauge)
     test = [bag for group in given.test for bag in group]

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Levenberg-Marquardt on gradient and J'J, with a prior weighted by the noise the fit itself shows.
 
-The prior's share of the cost is kappa * sum ((x - nominal) / sigma)^2. With kappa = phi / dof,
-the mean square that a residual really has, this is the maximum a posteriori estimate; kappa
-follows phi down, so noise-free data are fitted to the last digit whatever the prior.
+The prior's share of the cost is kappa * sum ((x - nominal) / sigma)^2. With kappa the mean square
+that a residual really has, this is the maximum a posteriori estimate. That mean square is what
+would be left of phi if every parameter went where the data pull it, so the prior cannot feed on
+its own bias, and noise-free data are fitted to the last digit whatever the prior.
 """
 
 from __future__ import annotations
@@ -16,24 +17,65 @@ import numpy as np
 from calib_model.rotation import Array
 from calib_solver.objectives import Quadratic
 
-MOST_ITERATIONS = 60
+MOST_ITERATIONS = 100
 #: a step is small when no parameter moves by more than this part of its scale
 STEP_TOLERANCE = 1e-8
 #: a gradient is small when following it to the bottom would gain less than this part of the cost
 GAIN_TOLERANCE = 1e-12
 #: lengths below this (m) are rounding: a residual of a metre-sized arm carries no more digits
 ROUNDING = 2e-15
-#: eigenvalues of the scaled J'J below this part of the largest cannot be told from rounding
-RANK_TOLERANCE = 1e-14
-#: damping, as a part of the largest eigenvalue: from next to Gauss-Newton to steepest descent
-LEAST_DAMPING = 1e-14
-MOST_DAMPING = 1e3
+#: singular values of the scaled J below these parts of the largest are rounding: of J'J, whose
+#: eigenvalues are their squares, and of J itself where the objective gives its rows
+NORMAL_TOLERANCE = 1e-7
+ROWS_TOLERANCE = 1e-13
+#: damping, as a part of the largest singular value: from next to Gauss-Newton to steepest descent
+LEAST_DAMPING = 1e-24
+MOST_DAMPING = 1e2
+
+Evaluate = Callable[[Array], Quadratic]
+
+
+@dataclass(frozen=True)
+class Modes:
+    """The scaled J's singular values (F,), largest first, and right vectors (F, F) as columns;
+    `along` (F,) is the scaled gradient in them, `seen` (F,) which stand out from rounding."""
+
+    values: Array
+    vectors: Array
+    along: Array
+    seen: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+
+
+def modes(quadratic: Quadratic, scale: Array, information: Array, offset: Array) -> Modes:
+    """The modes of an objective with a prior of `information` (F,) about `offset` (F,) away.
+
+    Taken from J's rows where the objective gives them, which sees singular values down to
+    rounding, else from J'J, which sees half as many digits.
+    """
+    prior = np.sqrt(information) * scale
+    if quadratic.rows is None:
+        normal = scale[:, None] * quadratic.normal * scale
+        normal[np.diag_indices_from(normal)] += prior**2
+        squares, vectors = np.linalg.eigh(normal)
+        values = np.sqrt(np.maximum(squares[::-1], 0.0))
+        vectors = vectors[:, ::-1]
+        along = vectors.T @ (scale * (quadratic.gradient + information * offset))
+        tolerance = NORMAL_TOLERANCE
+    else:
+        slope, residual = quadratic.rows
+        stacked = np.concatenate([slope * scale, np.diag(prior)])
+        u, values, vt = np.linalg.svd(stacked, full_matrices=False)
+        vectors = vt.T
+        along = values * (u.T @ np.concatenate([residual, np.sqrt(information) * offset]))
+        tolerance = ROWS_TOLERANCE
+    return Modes(values, vectors, along, values > tolerance * values.max(initial=1e-300))
 
 
 @dataclass(frozen=True)
 class Fit:
     """Where the iteration ended: `x` (F,) about nominal, the objective there without the prior,
-    the prior's weight `kappa`, and why it stopped."""
+    the prior's weight `kappa`, and why it stopped. `unseen` (F, U) are scaled directions that
+    neither the data nor the prior hold; with any, `converged` is false."""
 
     x: Array
     quadratic: Quadratic
@@ -43,52 +85,41 @@ class Fit:
     evaluations: int
     converged: bool
     reason: str
+    unseen: Array
     history: tuple[float, ...] = field(default=())
 
 
-def minimise(
-    evaluate: Callable[[Array], Quadratic], start: Array, scale: Array, information: Array
-) -> Fit:
+def minimise(evaluate: Evaluate, start: Array, scale: Array, information: Array) -> Fit:
     """Minimise phi(x) + kappa x'diag(information)x from `start` (F,).
 
     `evaluate(x)` gives the objective at offsets x from the nominal values; `scale` (F,) is each
     parameter's natural size (m, rad), in which steps are damped and judged.
     """
     state = _State(evaluate, scale, information, start)
+    if len(start) == 0:
+        return state.fit(True, 'no free parameters')
     damping = LEAST_DAMPING
-    reason = 'no free parameters'
-    converged = len(start) == 0
-    while not converged and state.iterations < MOST_ITERATIONS:
+    while state.iterations < MOST_ITERATIONS:
         state.iterations += 1
         step, gain = state.step(damping)
-        small = np.abs(step / scale).max() <= STEP_TOLERANCE if len(step) else True
-        if gain <= GAIN_TOLERANCE * state.cost + state.rounding and small:
-            converged, reason = True, 'gradient and step below their tolerances'
+        small = np.abs(step / scale).max() <= STEP_TOLERANCE
+        if small and gain <= GAIN_TOLERANCE * state.cost + state.rounding:
             state.try_step(step, gain)
-            break
+            return state.fit(True, 'gradient and step below their tolerances')
         if state.try_step(step, gain):
-            damping = max(damping / 10, LEAST_DAMPING)
+            damping = max(damping / 100, LEAST_DAMPING)
         elif damping > MOST_DAMPING:
-            reason = 'no step lowers the cost any more'
-            converged = gain <= 1e-9 * state.cost + state.rounding
-            break
+            flat = gain <= 1e-9 * state.cost + state.rounding
+            return state.fit(flat, 'no step lowers the cost any more')
         else:
             damping *= 100
-    else:
-        if not converged:
-            reason = f'stopped after {MOST_ITERATIONS} iterations'
-    return Fit(
-        state.x, state.quadratic, state.kappa, state.phi_initial, state.iterations,
-        state.evaluations, converged, reason, tuple(state.history),
-    )  # fmt: skip
+    return state.fit(False, f'stopped after {MOST_ITERATIONS} iterations')
 
 
 class _State:
     """The iterate with its cost; the prior's weight follows the objective."""
 
-    def __init__(
-        self, evaluate: Callable[[Array], Quadratic], scale: Array, information: Array, start: Array
-    ) -> None:
+    def __init__(self, evaluate: Evaluate, scale: Array, information: Array, start: Array) -> None:
         self.evaluate = evaluate
         self.scale = scale
         self.information = information
@@ -99,11 +130,17 @@ class _State:
         self.phi_initial = self.quadratic.phi
         self.kappa = self._noise(self.quadratic)
         self.history = [self.phi_initial]
+        self._modes: Modes | None = None
 
     def _noise(self, quadratic: Quadratic) -> float:
-        """phi per degree of freedom; with none to spare, phi shared by all residuals."""
+        """phi less what the data alone would still gain, per degree of freedom."""
         freedom = quadratic.terms - len(self.x)
-        return quadratic.phi / max(freedom, 1.0)
+        if freedom < 1:
+            return quadratic.phi / max(quadratic.terms, 1.0)
+        zero = np.zeros(len(self.x))
+        free = modes(quadratic, self.scale, zero, zero)
+        within = free.along[free.seen] / free.values[free.seen]
+        return max(quadratic.phi - float(within @ within), 0.0) / freedom
 
     @property
     def cost(self) -> float:
@@ -118,31 +155,56 @@ class _State:
     def _cost(self, quadratic: Quadratic, x: Array) -> float:
         return quadratic.phi + self.kappa * float(self.information @ x**2)
 
+    def modes(self) -> Modes:
+        """The modes at the iterate."""
+        if self._modes is None:
+            prior = self.kappa * self.information
+            self._modes = modes(self.quadratic, self.scale, prior, self.x)
+        return self._modes
+
     def step(self, damping: float) -> tuple[Array, float]:
-        """The damped step (F,) in the scaled eigenbasis, and the cost it should gain."""
-        prior = self.kappa * self.information
-        gradient = self.scale * (self.quadratic.gradient + prior * self.x)
-        normal = self.scale[:, None] * self.quadratic.normal * self.scale
-        normal[np.diag_indices_from(normal)] += prior * self.scale**2
-        values, vectors = np.linalg.eigh(normal)
-        largest = max(float(values[-1]), 1e-300)
-        seen = values > RANK_TOLERANCE * largest
-        along = vectors.T @ gradient
-        share = np.where(seen, along / np.where(seen, values + damping * largest, 1.0), 0.0)
-        gain = float(share @ (2 * along - values * share))
-        return -self.scale * (vectors @ share), gain
+        """The damped step (F,) along the modes that are seen, and the cost it should gain."""
+        now = self.modes()
+        squares = now.values**2
+        damped = np.where(now.seen, squares + damping * squares[0], 1.0)
+        share = np.where(now.seen, now.along / damped, 0.0)
+        gain = float(share @ (2 * now.along - squares * share))
+        return -self.scale * (now.vectors @ share), gain
 
     def try_step(self, step: Array, gain: float) -> bool:
         """Take the step if it lowers the cost by a fair part of what it promised."""
         candidate = self.x + step
         quadratic = self.evaluate(candidate)
         self.evaluations += 1
+        if not np.isfinite(quadratic.phi):
+            return False
         lowered = self.cost - self._cost(quadratic, candidate)
         # at the bottom both are rounding, and an equal cost is as good
         rounding = abs(lowered) <= self.rounding and gain <= self.rounding
-        if not np.isfinite(quadratic.phi) or not (rounding or lowered >= 1e-4 * gain):
+        if not (rounding or lowered >= 1e-4 * gain):
             return False
         self.x, self.quadratic = candidate, quadratic
         self.kappa = self._noise(quadratic)
         self.history.append(quadratic.phi)
+        self._modes = None
         return True
+
+    def fit(self, converged: bool, reason: str) -> Fit:
+        """The iterate as the result."""
+        now = self.modes()
+        unseen = now.vectors[:, ~now.seen]
+        if unseen.shape[1]:
+            converged = False
+            reason = f'{unseen.shape[1]} directions are told neither by the poses nor by the prior'
+        return Fit(
+            self.x,
+            self.quadratic,
+            self.kappa,
+            self.phi_initial,
+            self.iterations,
+            self.evaluations,
+            converged,
+            reason,
+            unseen,
+            tuple(self.history),
+        )

@@ -60,10 +60,16 @@ def _joined(parts: Sequence[Measurement]) -> Measurement:
     for part in parts:
         if part.arm.joint_names != first.arm.joint_names:
             raise DataError(f'{part.source}: other joints than in {first.source}')
+        if part.probe.kind != first.probe.kind:
+            raise DataError(
+                f'{part.source}: {part.probe.kind} probe, but {first.source} is {first.probe.kind}'
+            )
+        if not np.array_equal(part.arm.geometry, first.arm.geometry):
+            raise DataError(f'{part.source}: other nominal parameters than in {first.source}')
         if part.gauge != first.gauge:
             raise DataError(f'{part.source}: another gauge than in {first.source}')
         own = set(map(int, part.poses.location))
-        shift = max(used) if own & used else 0
+        shift = max(used) + 1 - min(own) if own & used else 0
         used |= {number + shift for number in own}
         poses = part.poses
         sets.append(

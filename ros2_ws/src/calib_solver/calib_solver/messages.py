@@ -7,12 +7,14 @@ import math
 from typing import Any
 
 from calib_interfaces.msg import (
+    Diagnostics,
     DistanceQuality,
     IdentifiedParameter,
     PositionQuality,
     ProbedSphere,
     ProbeFitReport,
     Quality,
+    RejectedPose,
     RigidTransform,
     SolverReport,
     TwoSigmaQuality,
@@ -74,3 +76,13 @@ def solver(record: Record) -> SolverReport:
 def probe_fit(record: Record) -> ProbeFitReport:
     """Eq. 15's account of itself."""
     return filled(ProbeFitReport(), record)
+
+
+def rejected(records: list[Record]) -> list[RejectedPose]:
+    """Poses left out."""
+    return [filled(RejectedPose(), record) for record in records]
+
+
+def diagnostics(record: Record) -> Diagnostics:
+    """The fit's account of itself."""
+    return filled(Diagnostics(), record)

@@ -22,12 +22,17 @@ from calib_solver.sums import SphereSums
 
 @dataclass(frozen=True)
 class Quadratic:
-    """phi (m^2) with J'r (F,) and J'J (F, F), and how many residuals `terms` it rests on."""
+    """phi (m^2) with J'r (F,) and J'J (F, F), and how many residuals `terms` it rests on.
+
+    `rows`, where there are few, are J (M, F) and r (M,) themselves: they keep the digits of weak
+    directions that squaring loses.
+    """
 
     phi: float
     gradient: Array
     normal: Array
     terms: float
+    rows: tuple[Array, Array] | None = None
 
     def __add__(self, other: Quadratic) -> Quadratic:
         return Quadratic(
@@ -51,7 +56,9 @@ def distance_errors(problem: Problem, sums: SphereSums) -> tuple[Array, Array]:
 def distance(problem: Problem, sums: SphereSums) -> Quadratic:
     """Eq. 13: the squared distance errors alone."""
     error, slope = distance_errors(problem, sums)
-    return Quadratic(float(error @ error), slope.T @ error, slope.T @ slope, len(error))
+    return Quadratic(
+        float(error @ error), slope.T @ error, slope.T @ slope, len(error), (slope, error)
+    )
 
 
 def repeatability_weights(sums: SphereSums) -> Array:
@@ -92,7 +99,7 @@ def position(problem: Problem, sums: SphereSums) -> Quadratic:
         float(3 * np.maximum(sums.count - 1, 0).sum()),
     )  # fmt: skip
     gauge = problem.measured.gauge
-    for rows in problem.locations:
+    for rows in problem.placements:
         certified = np.array([gauge.center(int(number)) for number in problem.keys[rows, 1]])
         weight = np.sqrt(sums.count[rows])
         placed = place_gauge(certified, sums.center[rows], sums.count[rows])

@@ -9,8 +9,7 @@ import numpy as np
 
 from calib_model.parameters import ParameterTable
 from calib_model.rotation import Array
-from calib_solver.levenberg import RANK_TOLERANCE, Fit
-from calib_solver.prior import Prior
+from calib_solver.levenberg import Fit, modes
 
 #: a parameter is in an unseen direction when this part of it lies there
 SHARE = 0.1
@@ -18,36 +17,33 @@ SHARE = 0.1
 
 @dataclass(frozen=True)
 class Observability:
-    """`rank` of F free parameters, `condition` of the scaled J, `identifiable` (F,) and, for each
-    parameter that is not, `reason` (F,)."""
+    """`rank` of the data among F free parameters, `condition` of the scaled J without the prior,
+    and for each parameter that lies in an unseen direction the `reason` (F,), else ''."""
 
     rank: int
     condition: float
-    identifiable: tuple[bool, ...]
     reason: tuple[str, ...]
 
 
-def observe(table: ParameterTable, fit: Fit, prior: Prior) -> Observability:
-    """The singular value decomposition of J, columns in units of the prior's sigmas.
+def observe(table: ParameterTable, fit: Fit, scale: Array) -> Observability:
+    """The singular value decomposition of J, columns in units of `scale` (F,), m and rad.
 
     These units are a parameter's natural size; columns scaled to unit length would make one of
     pure rounding look as good as the others.
     """
     names = [parameter.name for parameter in table.free]
     if not names:
-        return Observability(0, 1.0, (), ())
-    scale = prior.sigmas(table)
-    values, vectors = np.linalg.eigh(scale[:, None] * fit.quadratic.normal * scale)
-    largest = max(float(values[-1]), 1e-300)
-    unseen = vectors[:, values <= RANK_TOLERANCE * largest]
+        return Observability(0, 1.0, ())
+    zero = np.zeros(len(names))
+    found = modes(fit.quadratic, scale, zero, zero)
+    unseen = found.vectors[:, ~found.seen]
     share = (unseen**2).sum(axis=1)
-    reasons = [_reason(names, unseen, i) if share[i] > SHARE else '' for i in range(len(names))]
-    smallest = max(float(values[0]), 0.0)
-    condition = float(np.sqrt(largest / smallest)) if smallest > 0 else float('inf')
-    return Observability(
-        len(names) - unseen.shape[1], condition, tuple(not reason for reason in reasons),
-        tuple(reasons),
-    )  # fmt: skip
+    reasons = tuple(
+        _reason(names, unseen, i) if share[i] > SHARE else '' for i in range(len(names))
+    )
+    smallest = float(found.values[-1])
+    condition = float(found.values[0]) / smallest if smallest > 0 else float('inf')
+    return Observability(int(found.seen.sum()), condition, reasons)
 
 
 def _reason(names: list[str], unseen: Array, index: int) -> str:

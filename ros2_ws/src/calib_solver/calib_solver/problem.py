@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -22,8 +23,10 @@ class Problem:
     `keys` (S, 2) are location and sphere number; the poses of sphere s are rows `start[s]` to
     `start[s + 1]` of `joints` (N, n), columns of their `cosine` and `sine` (n, N) of direction * q,
     and rows of `centers` (N, 3), the sphere's centre in the probe frame; `weight` (N,) is 1 or
-    less. `order` (N,) is each row's place in the measurement. `pairs` (M, 2) are rows of `keys`
-    in one location and `nominal` (M,) the certificate's distance between them, m.
+    less. `order` (N,) is each row's place in the measurement. `placement` (S,) numbers where the
+    gauge stood: spheres of one location share it unless the gauge was found to have moved.
+    `pairs` (M, 2) are rows of `keys` with one placement and `nominal` (M,) the certificate's
+    distance between them, m.
     """
 
     measured: Measurement
@@ -35,12 +38,18 @@ class Problem:
     sine: Array
     centers: Array
     weight: Array
+    placement: IntArray
     pairs: IntArray
     nominal: Array
 
     @classmethod
-    def of(cls, measured: Measurement) -> Problem:
+    def of(
+        cls, measured: Measurement, placement: Mapping[tuple[int, int], int] | None = None
+    ) -> Problem:
         """The problem of a measurement, every pose with weight 1.
+
+        `placement` gives spheres (location, sphere) that stood elsewhere than the others of
+        their location a number, the same for those that stood together.
 
         Raises:
             DataError: a pose does not fit the arm, the probe or the gauge.
@@ -51,12 +60,13 @@ class Problem:
         start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=len(keys)))])
         joints = poses.joints[order]
         turned = measured.arm.direction * joints
-        pairs = _pairs(keys)
+        placed = _placements(keys, placement or {})
+        pairs = _pairs(placed)
         distances = [measured.gauge.distance(keys[i, 1], keys[j, 1]) for i, j in pairs]
         return cls(
             measured, keys, start.astype(np.int64), order, frozen(joints),
             frozen(np.cos(turned).T), frozen(np.sin(turned).T),
-            frozen(measured.centers()[order]), frozen(np.ones(len(poses))), pairs,
+            frozen(measured.centers()[order]), frozen(np.ones(len(poses))), placed, pairs,
             frozen(distances),
         )  # fmt: skip
 
@@ -64,6 +74,11 @@ class Problem:
     def counts(self) -> IntArray:
         """Poses of each sphere, shape (S,)."""
         return np.diff(self.start)
+
+    @property
+    def placements(self) -> list[IntArray]:
+        """For each placement of the gauge, the rows of `keys` probed there."""
+        return [np.flatnonzero(self.placement == number) for number in np.unique(self.placement)]
 
     @property
     def locations(self) -> list[IntArray]:
@@ -75,9 +90,16 @@ class Problem:
         return slice(int(self.start[sphere]), int(self.start[sphere + 1]))
 
 
-def _pairs(keys: IntArray) -> IntArray:
-    """Every two spheres of one location once: the terms of eq. 7 that are not null or twice."""
+def _placements(keys: IntArray, moved: Mapping[tuple[int, int], int]) -> IntArray:
+    """A number for each sphere's placement (S,): one a location, further ones for what moved."""
+    named = [(int(key[0]), moved.get((int(key[0]), int(key[1])), 0)) for key in keys]
+    numbers = {name: number for number, name in enumerate(sorted(set(named)))}
+    return np.array([numbers[name] for name in named], dtype=np.int64)
+
+
+def _pairs(placement: IntArray) -> IntArray:
+    """Every two spheres of one placement once: eq. 7's terms that are neither null nor twice."""
     pairs: list[tuple[int, int]] = []
-    for location in np.unique(keys[:, 0]):
-        pairs += combinations(map(int, np.flatnonzero(keys[:, 0] == location)), 2)
+    for number in np.unique(placement):
+        pairs += combinations(map(int, np.flatnonzero(placement == number)), 2)
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)

@@ -75,7 +75,7 @@ def _position_errors(problem: Problem, p_base: Array, center: Array) -> Array:
     gauge = problem.measured.gauge
     certified = np.array([gauge.center(int(number)) for number in problem.keys[:, 1]])
     errors = np.empty(len(p_base))
-    for rows in problem.locations:
+    for rows in problem.placements:
         placed = place_gauge(certified[rows], center[rows], problem.counts[rows].astype(float))
         for row, point in zip(rows, placed.points, strict=True):
             own = problem.rows(int(row))

@@ -13,9 +13,10 @@ import numpy as np
 from calib_model.bag_writer import write_whole
 from calib_model.description import arm_yaml, probe_yaml
 from calib_model.errors import CalibrationError
-from calib_model.parameters import Parameter
 from calib_model.rotation import Array, RigidTransform
 from calib_model.urdf import arm_urdf
+from calib_solver.account import accounts
+from calib_solver.diagnostics import diagnostics_record
 from calib_solver.identification import Identification
 from calib_solver.probe_fit import ProbeFit
 from calib_solver.quality import COORDINATES, ProbedSpheres, Quality
@@ -49,32 +50,26 @@ def result_record(done: Identification, test: Quality | None = None) -> Record:
         },
         'probe_fit': probe_fit_record(done.probe_fit) if done.probe_fit is not None else None,
         'warnings': list(done.warnings),
+        'rejected': [vars(one) for one in done.rejected],
+        'diagnostics': diagnostics_record(done),
     }
 
 
 def parameter_records(done: Identification) -> list[Record]:
     """Every parameter of the table that is in use, in its order."""
-    seen = dict(zip((p.name for p in done.table.free), done.observability.reason, strict=True))
-    records = []
-    for parameter, identified in zip(done.table.parameters, done.full, strict=True):
-        if parameter.kind == 'beta' and not parameter.free and parameter.nominal == 0.0:
-            continue
-        records.append(_parameter_record(parameter, float(identified), seen))
-    return records
-
-
-def _parameter_record(parameter: Parameter, identified: float, seen: dict[str, str]) -> Record:
-    reason = seen.get(parameter.name, parameter.reason)
-    return {
-        'name': parameter.name,
-        'unit': parameter.unit,
-        'initial': parameter.nominal,
-        'identified': identified,
-        'standard_uncertainty': None,
-        'free': parameter.free,
-        'identifiable': parameter.free and not reason,
-        'reason': reason,
-    }
+    return [
+        {
+            'name': account.parameter.name,
+            'unit': account.parameter.unit,
+            'initial': account.parameter.nominal,
+            'identified': account.identified,
+            'standard_uncertainty': account.standard_uncertainty,
+            'free': account.parameter.free,
+            'identifiable': account.identifiable,
+            'reason': account.reason,
+        }
+        for account in accounts(done)
+    ]
 
 
 def transform_record(transform: RigidTransform) -> Record:

@@ -63,6 +63,7 @@ class SolverNode(Node):
             tuple(request.fix),
             tuple(request.free),
             chosen_prior(request.prior),
+            request.loss or Options.loss,
         )
         finished = calibrate(_sources(request), options, bag_list(request.test), request.output)
         record = finished.record
@@ -79,6 +80,8 @@ class SolverNode(Node):
         if record['probe_fit'] is not None:
             response.has_probe_fit = True
             response.probe_fit = messages.probe_fit(record['probe_fit'])
+        response.rejected = messages.rejected(record['rejected'])
+        response.diagnostics = messages.diagnostics(record['diagnostics'])
         response.warnings = record['warnings']
         response.written = [str(path) for path in finished.written]
         response.message = finished.verdict

@@ -31,12 +31,14 @@ def summary(calibration: Calibration) -> str:
         columns['held-out'] = calibration.test
     lines += table(columns)
     unseen = [
-        p.name
-        for p, reason in zip(done.table.free, done.observability.reason, strict=True)
-        if reason
+        record['name']
+        for record in calibration.record['parameters']
+        if record['free'] and not record['identifiable']
     ]
     if unseen:
         lines.append('not told by these poses, kept near nominal: ' + ', '.join(unseen))
+    sure = calibration.record['diagnostics']['position_uncertainty_rms']
+    lines.append(f'standard uncertainty of a position over the workspace: {sure * 1e3:.4f} mm rms')
     lines.append(calibration.verdict)
     lines += [f'wrote {path}' for path in calibration.written]
     return '\n'.join(lines)

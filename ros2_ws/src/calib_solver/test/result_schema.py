@@ -16,7 +16,7 @@ PARAMETER = {
     'name', 'unit', 'initial', 'identified', 'standard_uncertainty', 'free', 'identifiable',
 }  # fmt: skip
 #: keys beyond the contract's first list: whoever adds one says so here
-ADDED_TOP = {'warnings'}
+ADDED_TOP = {'warnings', 'rejected', 'diagnostics'}
 ADDED_PARAMETER = {'reason'}
 SOLVER = {
     'iterations', 'evaluations', 'phi_initial', 'phi_final', 'seconds', 'converged', 'reason',
@@ -141,8 +141,7 @@ def parameters(records: list[Record]) -> None:
         assert type(record['identifiable']) is bool
         assert record['free'] or not record['identifiable']
         assert record['free'] or record['identified'] == record['initial']
-        assert isinstance(record['reason'], str)
-        assert bool(record['reason']) != record['identifiable'], record['name']
+        text(record['reason'])
     names = [record['name'] for record in records]
     joints = sum(name.startswith('alpha') for name in names)
     expected = [f'{kind}{i}' for kind in ('a', 'alpha', 'd', 'theta_0_')

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is said of each parameter: was it told by the poses, how surely, and in one sentence why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from calib_model.parameters import Parameter
+from calib_solver.identification import Identification
+
+#: a parameter whose uncertainty stays above this part of the prior's sigma was not told
+TOLD = 0.7
+
+
+@dataclass(frozen=True)
+class Account:
+    """A parameter with its value before and after; `standard_uncertainty` None when not known."""
+
+    parameter: Parameter
+    identified: float
+    standard_uncertainty: float | None
+    identifiable: bool
+    reason: str
+
+
+def accounts(done: Identification) -> list[Account]:
+    """Every parameter in use, in the table's order."""
+    free = {parameter.name: i for i, parameter in enumerate(done.table.free)}
+    found = []
+    for parameter, value in zip(done.table.parameters, done.full, strict=True):
+        if parameter.name in free:
+            found.append(_free(done, parameter, float(value), free[parameter.name]))
+        elif parameter.kind != 'beta' or parameter.nominal != 0.0:
+            found.append(Account(parameter, float(value), None, False, parameter.reason))
+    return found
+
+
+def _free(done: Identification, parameter: Parameter, value: float, index: int) -> Account:
+    unseen = parameter.reason or done.observability.reason[index]
+    if unseen:
+        return Account(parameter, value, None, False, unseen)
+    uncertainty = float(done.uncertainty.standard[index])
+    before = done.options.prior.sigma[parameter.kind]
+    size = quantity(uncertainty, parameter.unit)
+    if done.options.prior.strength > 0 and uncertainty > TOLD * before:
+        reason = f'the poses tell it hardly better ({size}) than the prior did'
+        return Account(parameter, value, uncertainty, False, reason)
+    return Account(parameter, value, uncertainty, True, f'told by the poses to {size}')
+
+
+def quantity(value: float, unit: str) -> str:
+    """A length in mm or an angle in mrad, for people."""
+    return f'{value * 1e3:.3g} {"mm" if unit == "m" else "mrad"}'

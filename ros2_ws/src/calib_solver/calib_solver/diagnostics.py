@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A fit's account of itself beyond its quality: rank, noise, misfit, where residuals gather."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from calib_model.rotation import Array
+from calib_solver.identification import Identification
+from calib_solver.quality import probed_points
+from calib_solver.workspace import over_workspace
+
+
+def diagnostics_record(done: Identification) -> dict[str, Any]:
+    """What `result.json` says under `diagnostics`, SI."""
+    sure = over_workspace(done).position
+    deviation = pose_deviations(done)
+    return {
+        'rank': done.observability.rank,
+        'free': len(done.fit.x),
+        'condition': finite(done.observability.condition),
+        'noise': done.uncertainty.noise,
+        'misfit': done.uncertainty.misfit,
+        'position_uncertainty_rms': float(np.sqrt(np.mean(sure**2))),
+        'position_uncertainty_max': float(sure.max()),
+        'by_location': by_location(done, deviation),
+        'by_joint': by_joint(done, deviation),
+    }
+
+
+def finite(value: float) -> float | None:
+    """The value, None where it is infinite or no number."""
+    return value if np.isfinite(value) else None
+
+
+def pose_deviations(done: Identification) -> Array:
+    """Each used pose's deviation (N, 3) from its sphere's mean, m: eq. 12."""
+    points = probed_points(done.problem, done.arm, done.probe)
+    centers = np.repeat(done.identified.spheres.center, done.problem.counts, axis=0)
+    deviation: Array = points - centers
+    return deviation
+
+
+def by_location(done: Identification, deviation: Array) -> list[dict[str, Any]]:
+    """Spread and distance errors of each location."""
+    problem = done.problem
+    location = np.repeat(problem.keys[:, 0], problem.counts)
+    of_pair = problem.keys[problem.pairs[:, 0], 0]
+    records = []
+    for number in np.unique(location):
+        size = np.linalg.norm(deviation[location == number], axis=1)
+        errors = done.identified.distance[of_pair == number]
+        records.append({
+            'location': int(number),
+            'poses': len(size),
+            'rms': float(np.sqrt(np.mean(size**2))),
+            'max': float(size.max()),
+            'distance_mean': float(errors.mean()) if len(errors) else None,
+        })  # fmt: skip
+    return records
+
+
+def by_joint(done: Identification, deviation: Array) -> list[dict[str, Any]]:
+    """The share of the residuals' variance that goes with one joint's angle alone.
+
+    Regressed on the first two harmonics of each joint; what is much above its share by chance
+    says that the joint has an error that Denavit-Hartenberg parameters cannot say.
+    """
+    total = float((deviation**2).sum())
+    records = []
+    for name, q in zip(done.arm.joint_names, done.problem.joints.T, strict=True):
+        harmonics = np.stack([np.sin(q), np.cos(q), np.sin(2 * q), np.cos(2 * q)], axis=1)
+        harmonics = np.concatenate([np.ones((len(q), 1)), harmonics], axis=1)
+        fitted = harmonics @ np.linalg.lstsq(harmonics, deviation, rcond=1e-10)[0]
+        share = float((fitted**2).sum()) / total if total > 0 else 0.0
+        records.append({'joint': name, 'explained': share, 'by_chance': 4 / max(len(q), 5)})
+    return records

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Readings that do not belong: slipped contacts, wrong sphere numbers, a gauge that moved.
+
+Poses are judged by their distance from their sphere's centre against the median of all such
+distances, spheres by their certified distances; the fit is repeated with less and less weight on
+what stands out, until what is left out no longer changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib_model.arm import Arm
+from calib_model.probe import Probe
+from calib_model.rotation import Array
+from calib_solver.problem import Problem
+from calib_solver.quality import probed_points
+
+#: a pose this many times further out than the median does not belong; normal noise along a single
+#: direction, the most straggling kind, gets there once in ten million poses
+FAR = 8.0
+#: beyond this many, a pose's weight falls off while the fit is still finding its place
+SOFT = 4.0
+#: so are distance errors against their median, which rests on far fewer
+FAR_DISTANCE = 16.0
+#: nothing nearer than this (m) is called a gross error, however good the rest
+LEAST_SIZE = 1e-6
+ROUNDS = 8
+#: with fewer distances their median says nothing
+FEWEST_DISTANCES = 6
+
+Moved = dict[tuple[int, int], int]
+Mask = NDArray[np.bool_]
+Solve = Callable[[Problem], tuple[Arm, Probe]]
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """A pose left out: its `pose` number in the measurement, from 1, how far off it was (m)."""
+
+    pose: int
+    location: int
+    sphere: int
+    size: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class Cleaned:
+    """The problem without what does not belong, what was left out, and spheres that `moved`."""
+
+    problem: Problem
+    rejected: tuple[Rejected, ...]
+    moved: Moved
+    warnings: tuple[str, ...]
+
+
+def clean(problem: Problem, solve: Solve) -> Cleaned:
+    """Leave out gross errors; `solve` gives the best arm and probe for a problem.
+
+    A measurement in which nothing stands out comes back as it is after one solution.
+    """
+    measured = problem.measured
+    start = _screen_distances(problem, measured.arm, measured.probe)
+    current = _with_placements(problem, start)
+    moved: Moved = start
+    kept: Mask = np.ones(len(problem.joints), dtype=bool)
+    for round_number in range(ROUNDS):
+        arm, probe = solve(current)
+        away, usual = _deviations(problem, arm, probe, kept)
+        now_kept = away <= np.maximum(FAR * usual, LEAST_SIZE)
+        now_moved = _moved_spheres(problem, arm, probe, now_kept)
+        settled = np.array_equal(now_kept, kept) and now_moved == moved
+        kept, moved = now_kept, now_moved
+        if settled:
+            break
+        current = _with_placements(problem, moved)
+        soft = 1 / (1 + (away / np.maximum(SOFT * usual, LEAST_SIZE)) ** 2) ** 2
+        # at first by weight, so that no pose is lost to a fit that the bad ones have bent
+        weight = soft if round_number < ROUNDS // 2 and not kept.all() else kept.astype(float)
+        current = replace(current, weight=_read_only(weight))
+    if kept.all() and not moved:
+        return Cleaned(problem, (), {}, ())
+    rejected = _accounts(problem, arm, probe, kept, away)
+    remaining = measured.poses.take(np.sort(problem.order[kept]))
+    cleaned = Problem.of(replace(measured, poses=remaining), moved)
+    return Cleaned(cleaned, rejected, moved, _warnings(rejected, moved, len(problem.joints)))
+
+
+def _read_only(weight: Array) -> Array:
+    weight.setflags(write=False)
+    return weight
+
+
+def _with_placements(problem: Problem, moved: Moved) -> Problem:
+    return Problem.of(problem.measured, moved) if moved else problem
+
+
+def _centers(problem: Problem, points: Array, kept: Mask) -> Array:
+    """The median point of each sphere (S, 3), of its kept poses where there are any."""
+    centers = np.empty((len(problem.keys), 3))
+    for s in range(len(problem.keys)):
+        rows = problem.rows(s)
+        own = points[rows][kept[rows]]
+        centers[s] = np.median(own if len(own) else points[rows], axis=0)
+    return centers
+
+
+def _deviations(problem: Problem, arm: Arm, probe: Probe, kept: Mask) -> tuple[Array, Array]:
+    """Each pose's distance from its sphere's centre and what is usual there, both (N,), m.
+
+    Usual is the median, of all poses or of the sphere's own where that is larger: postures differ
+    in how far they carry the joints' errors.
+    """
+    points = probed_points(problem, arm, probe)
+    centers = np.repeat(_centers(problem, points, kept), problem.counts, axis=0)
+    away = np.linalg.norm(points - centers, axis=1)
+    several = np.repeat(problem.counts > 2, problem.counts)
+    usual = np.full(len(away), np.median(away[several] if several.any() else away))
+    for s in range(len(problem.keys)):
+        rows = problem.rows(s)
+        usual[rows] = np.maximum(usual[rows], np.median(away[rows]))
+    return away, usual
+
+
+def _distance_errors(problem: Problem, arm: Arm, probe: Probe, kept: Mask) -> Array:
+    centers = _centers(problem, probed_points(problem, arm, probe), kept)
+    first, second = problem.pairs.T
+    return np.linalg.norm(centers[first] - centers[second], axis=1) - problem.nominal
+
+
+def _screen_distances(problem: Problem, arm: Arm, probe: Probe) -> Moved:
+    """Spheres too far from where the certificate has them for any nominal arm to explain."""
+    return _moved_spheres(problem, arm, probe, np.ones(len(problem.joints), dtype=bool))
+
+
+def _moved_spheres(problem: Problem, arm: Arm, probe: Probe, kept: Mask) -> Moved:
+    """Spheres whose distances to the others of their location do not hold, by new placement."""
+    if len(problem.pairs) < FEWEST_DISTANCES:
+        return {}
+    error = np.abs(_distance_errors(problem, arm, probe, kept))
+    usual = float(np.median(error))
+    gauge = problem.measured.gauge
+    certificate = np.array([gauge.distance_uncertainty(length) for length in problem.nominal])
+    bad = error > np.maximum(FAR_DISTANCE * usual, FAR * certificate) + LEAST_SIZE
+    moved: Moved = {}
+    for rows in problem.locations:
+        here = bad & np.isin(problem.pairs[:, 0], rows)
+        for number, group in enumerate(_split(problem.pairs[here])):
+            for row in group:
+                location, sphere = map(int, problem.keys[row])
+                moved[location, sphere] = number + 1
+    return moved
+
+
+def _split(bad: np.ndarray) -> list[list[int]]:
+    """Spheres to set apart so that no bad pair is left together: those in most bad pairs first,
+    and those set apart together as long as they agree among themselves."""
+    apart: list[int] = []
+    left = [tuple(map(int, pair)) for pair in bad]
+    while left:
+        involved = [sphere for pair in left for sphere in pair]
+        worst = max(sorted(set(involved)), key=involved.count)
+        apart.append(worst)
+        left = [pair for pair in left if worst not in pair]
+    if not apart:
+        return []
+    among = np.array([pair for pair in bad if pair[0] in apart and pair[1] in apart])
+    further = _split(among.reshape(-1, 2))
+    gone = {sphere for group in further for sphere in group}
+    return [[sphere for sphere in apart if sphere not in gone], *further]
+
+
+def _accounts(
+    problem: Problem, arm: Arm, probe: Probe, kept: Mask, away: Array
+) -> tuple[Rejected, ...]:
+    points = probed_points(problem, arm, probe)
+    centers = _centers(problem, points, kept)
+    sphere_of = np.repeat(np.arange(len(problem.keys)), problem.counts)
+    rejected = []
+    for row in np.flatnonzero(~kept):
+        own = int(sphere_of[row])
+        location, sphere = (int(number) for number in problem.keys[own])
+        reason = _reason(problem, points[row], centers, own)
+        number = int(problem.order[row]) + 1
+        rejected.append(Rejected(number, location, sphere, float(away[row]), reason))
+    return tuple(sorted(rejected, key=lambda one: one.pose))
+
+
+def _reason(problem: Problem, point: Array, centers: Array, own: int) -> str:
+    here = np.flatnonzero(problem.keys[:, 0] == problem.keys[own, 0])
+    nearest = here[int(np.argmin(np.linalg.norm(centers[here] - point, axis=1)))]
+    diameter = problem.measured.gauge.sphere_diameter
+    if nearest != own and np.linalg.norm(centers[nearest] - point) < diameter / 2:
+        return f'is at sphere {problem.keys[nearest, 1]}: mislabelled'
+    return 'away from the other poses of its sphere: slipped or misread'
+
+
+def _warnings(rejected: tuple[Rejected, ...], moved: Moved, poses: int) -> tuple[str, ...]:
+    warnings = []
+    if rejected:
+        worst = max(rejected, key=lambda one: one.size)
+        warnings.append(
+            f'{len(rejected)} of {poses} poses left out, the worst {worst.size * 1e3:.3f} mm off '
+            f'(pose {worst.pose}, location {worst.location}, sphere {worst.sphere})'
+        )
+    for location in sorted({location for location, _ in moved}):
+        spheres = ', '.join(str(sphere) for place, sphere in sorted(moved) if place == location)
+        warnings.append(
+            f'location {location}: sphere {spheres} is not where the certificate has it: '
+            'mislabelled, or the gauge moved; its distances to the others are left out'
+        )
+    return tuple(warnings)

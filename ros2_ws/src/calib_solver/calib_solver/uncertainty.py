@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How sure the identified parameters are: from the poses' noise, the certificate and the misfit.
+
+The objective is not a likelihood (eq. 11 weighs what the chapter weighs), so the covariance is
+that of its minimiser: H^-1 C H^-1 with H the J'J of the cost and C the covariance of its
+gradient, which is a sum over spheres of known shape.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib_model.rotation import Array
+from calib_solver.objectives import Quadratic, distance_errors, repeatability_weights
+from calib_solver.problem import Problem
+from calib_solver.sums import SphereSums
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """`covariance` (F, F) of the free parameters (m, rad), and what went into it.
+
+    `noise` is the standard deviation of a single probing pose per coordinate, m; `misfit` the
+    factor (1 or more) by which the locations scatter more than that noise explains.
+    """
+
+    covariance: Array
+    noise: float
+    misfit: float
+
+    @property
+    def standard(self) -> Array:
+        """Standard uncertainty of each free parameter, shape (F,)."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+
+@dataclass(frozen=True)
+class GradientNoise:
+    """What makes the gradient of an objective random, per unit of what is random.
+
+    `by_pose` (S, F, F): covariance of each sphere's share under unit variance of every pose's
+    coordinates; `by_certificate` (F, F): that of the gauge's certificate, m^2 included.
+    """
+
+    by_pose: Array
+    by_certificate: Array
+
+
+def estimate_uncertainty(
+    problem: Problem,
+    name: str,
+    sums: SphereSums,
+    quadratic: Quadratic,
+    kappa: float,
+    information: Array,
+    strength: float,
+) -> Uncertainty:
+    """The covariance at the minimum of objective `name`.
+
+    `information` (F,) is strength / sigma^2 of the prior, `kappa` its weight in the cost.
+    """
+    noise = pose_variance(sums, len(information))
+    parts = gradient_noise(problem, name, sums)
+    misfit = misfit_factor(problem, name, sums, noise, parts)
+    prior = kappa * information
+    hessian = quadratic.normal + np.diag(prior)
+    scatter = noise * misfit * parts.by_pose.sum(axis=0) + parts.by_certificate
+    # the truth lies about nominal as the prior says: its pull is an error of that size
+    pull = kappa**2 * information * strength
+    inverse = _inverse(hessian)
+    covariance = inverse @ (scatter + np.diag(pull)) @ inverse
+    return Uncertainty((covariance + covariance.T) / 2, float(np.sqrt(noise)), misfit)
+
+
+def pose_variance(sums: SphereSums, free: int) -> float:
+    """Variance of one pose's coordinate about its sphere's mean, pooled over all spheres, m^2."""
+    freedom = 3 * float(np.maximum(sums.count - 1, 0).sum())
+    return max(float(sums.spread.sum()), 0.0) / max(freedom - free, 1.0)
+
+
+def gradient_noise(problem: Problem, name: str, sums: SphereSums) -> GradientNoise:
+    """The gradient's covariance for an objective, sphere by sphere."""
+    spheres, free = sums.gradient.shape
+    by_pose: Array = np.zeros((spheres, free, free))
+    by_certificate: Array = np.zeros((free, free))
+    if name in ('distance_repeatability', 'position'):
+        weight = repeatability_weights(sums) if name == 'distance_repeatability' else 1.0
+        by_pose += np.reshape(weight**2 * np.ones(spheres), (-1, 1, 1)) * sums.normal
+    if name in ('distance_repeatability', 'distance'):
+        _, slope = distance_errors(problem, sums)
+        leverage = _leverage(problem, sums, slope)
+        by_pose += np.einsum('skf,skg,s->sfg', leverage, leverage, 1 / np.maximum(sums.count, 1))
+        by_certificate = slope.T @ certificate_covariance(problem) @ slope
+    if name == 'position':
+        # the placements take up part of the means' scatter; leaving that in errs on the safe side
+        by_pose += np.einsum('s,skf,skg->sfg', sums.count, sums.jacobian, sums.jacobian)
+    return GradientNoise(by_pose, by_certificate)
+
+
+def _leverage(problem: Problem, sums: SphereSums, slope: Array) -> Array:
+    """How the gradient's distance part moves with each sphere's mean, shape (S, 3, F)."""
+    first, second = problem.pairs.T
+    between = sums.center[first] - sums.center[second]
+    unit = between / np.maximum(np.linalg.norm(between, axis=1), 1e-300)[:, None]
+    weighted = unit[:, :, None] * slope[:, None, :]
+    leverage = np.zeros((len(problem.keys), 3, slope.shape[1]))
+    np.add.at(leverage, first, weighted)
+    np.add.at(leverage, second, -weighted)
+    return leverage
+
+
+def certificate_covariance(problem: Problem) -> Array:
+    """Covariance (M, M) of the certified distances, m^2.
+
+    The certificate's expanded uncertainty is taken at k = 2. Its constant part belongs to the
+    spheres, so every distance to a sphere shares it, at whatever location; its proportional part
+    is one scale for the whole gauge.
+    """
+    gauge = problem.measured.gauge
+    numbers = problem.keys[:, 1]
+    ends = np.zeros((len(problem.pairs), int(numbers.max(initial=0)) + 1))
+    rows = np.arange(len(problem.pairs))
+    ends[rows, numbers[problem.pairs[:, 0]]] = 1.0
+    ends[rows, numbers[problem.pairs[:, 1]]] = -1.0
+    constant = (gauge.constant / 2) ** 2 / 2 * (ends @ ends.T)
+    scale = (gauge.proportional / 2) ** 2 * np.outer(problem.nominal, problem.nominal)
+    covariance: Array = constant + scale
+    return covariance
+
+
+def misfit_factor(
+    problem: Problem, name: str, sums: SphereSums, noise: float, parts: GradientNoise
+) -> float:
+    """How much more the locations' gradients scatter than independent pose noise explains.
+
+    At the minimum the locations' shares of the gradient cancel; with noise alone each scatters
+    with its own covariance. The factor is the mean of g' C^-1 g over what it should be, taken as
+    1 when it is not significantly more: the model then says all there is to say.
+    """
+    clusters = problem.locations
+    if len(clusters) < 2:
+        clusters = [np.array([s]) for s in range(len(problem.keys))]
+    if len(clusters) < 2 or noise <= 0 or sums.gradient.shape[1] == 0:
+        return 1.0
+    shares = _gradient_shares(problem, name, sums)
+    total = noise * parts.by_pose.sum(axis=0) + parts.by_certificate
+    values, vectors = np.linalg.eigh(total)
+    kept = values > 1e-12 * max(values[-1], 1e-300)
+    whitened = shares @ vectors[:, kept] / np.sqrt(values[kept])
+    gathered = np.array([whitened[rows].sum(axis=0) for rows in clusters])
+    gathered = gathered - gathered.mean(axis=0)
+    freedom = int(kept.sum()) * (len(clusters) - 1)
+    factor = float((gathered**2).sum()) * len(clusters) / freedom
+    significant = 1 + 3 * np.sqrt(2 / freedom)
+    return factor if factor > significant else 1.0
+
+
+def _gradient_shares(problem: Problem, name: str, sums: SphereSums) -> Array:
+    """Each sphere's share of J'r at the minimum, shape (S, F); a distance counts half for each."""
+    shares = np.zeros_like(sums.gradient)
+    if name == 'distance_repeatability':
+        shares += repeatability_weights(sums)[:, None] * sums.gradient
+    if name == 'position':
+        shares += sums.gradient
+    if name in ('distance_repeatability', 'distance'):
+        error, slope = distance_errors(problem, sums)
+        half = 0.5 * error[:, None] * slope
+        np.add.at(shares, problem.pairs[:, 0], half)
+        np.add.at(shares, problem.pairs[:, 1], half)
+    return shares
+
+
+def _inverse(hessian: Array) -> Array:
+    """The inverse in the directions that stand out from rounding, zero in the others."""
+    scale = 1 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    values, vectors = np.linalg.eigh(scale[:, None] * hessian * scale)
+    kept = values > 1e-14 * values.max(initial=1e-300)
+    inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
+    result: Array = scale[:, None] * inverse * scale
+    return result

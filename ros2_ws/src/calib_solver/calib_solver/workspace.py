@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How sure positions predicted by the identified arm are, over its workspace."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib_model.probing import ProbingSet
+from calib_model.rotation import Array
+from calib_solver.identification import Identification
+from calib_solver.problem import Problem
+from calib_solver.sums import point_jacobian
+
+POSTURES = 500
+
+
+@dataclass(frozen=True)
+class WorkspaceUncertainty:
+    """Standard uncertainty of the probed point at `joints` (K, n): `position` (K,), m, the root
+    sum of squares over the three coordinates in the arm's base frame."""
+
+    joints: Array
+    position: Array
+
+
+def position_uncertainty(done: Identification, joints: Array) -> Array:
+    """Covariance (K, 3, 3) of the probed point at postures `joints` (K, n), m^2.
+
+    The base frame is where d1 and theta_0_1 are held, so it carries no uncertainty of its own.
+    """
+    count = len(joints)
+    measured = done.problem.measured
+    sphere = measured.gauge.numbers[0]
+    middle = np.median(measured.poses.displacement, axis=0)
+    poses = ProbingSet.of([1] * count, [sphere] * count, joints, np.tile(middle, (count, 1)))
+    problem = Problem.of(type(measured)(measured.arm, measured.probe, measured.gauge, poses))
+    _, jacobian = point_jacobian(problem, done.table, done.full, np.arange(count))
+    jacobian = jacobian[:, :, done.table.free_columns]
+    covariance: Array = np.einsum(
+        'nkf,fg,nlg->nkl', jacobian, done.uncertainty.covariance, jacobian
+    )
+    return covariance
+
+
+def over_workspace(done: Identification, seed: int = 0) -> WorkspaceUncertainty:
+    """At postures drawn evenly between the joint limits, half a turn either way where none are."""
+    limits = np.clip(done.arm.limits, -np.pi, np.pi)
+    generator = np.random.default_rng(seed)
+    joints = generator.uniform(limits[:, 0], limits[:, 1], (POSTURES, done.arm.n))
+    covariance = position_uncertainty(done, joints)
+    return WorkspaceUncertainty(joints, np.sqrt(np.trace(covariance, axis1=1, axis2=2)))
