@@ -64,7 +64,8 @@ class PlannedPose:
 class SpherePlan:
     """The poses of one sphere, in the order of visit, and what it took to find them.
 
-    `spares` take the place of poses at which the sphere turns out to be beyond the styli.
+    `spares` take the place of poses at which the sphere turns out to be beyond the styli: the
+    sphere is nearer to the probe's centre in them.
     """
 
     location: int
@@ -90,6 +91,25 @@ class Program:
     def unreached(self) -> tuple[tuple[int, int], ...]:
         """Location and sphere of those that no posture reaches."""
         return tuple((s.location, s.sphere) for s in self.spheres if not s.poses)
+
+
+@dataclass(frozen=True)
+class Hand:
+    """A flange pose (4, 4), where it has the sphere in the probe (3,), and a redundant joint."""
+
+    T_base_flange: Array
+    p_probe_sphere: Array
+    redundant: float
+
+
+@dataclass
+class _Candidates:
+    """Postures, each (K, n) with its full turns, and the seats that go with them."""
+
+    postures: list[Array] = field(default_factory=list)
+    seats: list[Array] = field(default_factory=list)
+    tried: int = 0
+    unreachable: int = 0
 
 
 class Planner:
@@ -162,43 +182,52 @@ class Planner:
         Choosing the most telling poses of a larger pool and refusing those that collide have
         their place here, between the candidates and their order.
         """
+        R_base_gauge = T_base_gauge.rotation
         p_base_sphere = T_base_gauge.apply(self.gauge.center(sphere))
-        choices: list[Array] = []
-        seats: list[Array] = []
-        tried = unreachable = 0
         wanted = self.settings.poses_per_sphere
-        spare = math.ceil(SPARE_SHARE * wanted)
-        for T_base_flange, p_probe_sphere, redundant in self._hands(
-            T_base_gauge.rotation, p_base_sphere, location, sphere
-        ):
-            if len(choices) >= wanted + spare:
-                break
-            tried += 1
-            branches = self._branches(T_base_flange, redundant)
-            unreachable += not branches
-            choices += branches
-            seats += [p_probe_sphere] * len(branches)
-        first, rest = choices[:wanted], choices[wanted : wanted + spare]
-        poses = tuple(
-            PlannedPose(location, sphere, frozen(first[item][which]), frozen(seats[item]))
-            for item, which in short_order(here, first, self.arm.velocity)
+        key = (self.settings.seed, location, sphere)
+        found = self._found(self._hands(R_base_gauge, p_base_sphere, key), wanted)
+        # where the gauge is not quite where it should be, offsets are what takes spheres too far
+        hands = self._hands(R_base_gauge, p_base_sphere, (*key, 1), offset_share=0.2)
+        spare = self._found(hands, math.ceil(SPARE_SHARE * len(found.postures)))
+        order = short_order(here, found.postures, self.arm.velocity)
+        poses = (
+            PlannedPose(location, sphere, frozen(found.postures[i][which]), frozen(found.seats[i]))
+            for i, which in order
         )
-        spares = tuple(
+        spares = (
             PlannedPose(location, sphere, frozen(postures[0]), frozen(seat))
-            for postures, seat in zip(rest, seats[wanted:], strict=False)
+            for postures, seat in zip(spare.postures, spare.seats, strict=True)
         )
-        return SpherePlan(location, sphere, poses, spares, tried, unreachable)
+        return SpherePlan(
+            location, sphere, tuple(poses), tuple(spares), found.tried, found.unreachable
+        )
+
+    def _found(self, hands: Iterator[Hand], wanted: int) -> _Candidates:
+        """The branches of one hand after the other until there are `wanted`."""
+        found = _Candidates()
+        for hand in hands:
+            if len(found.postures) >= wanted:
+                break
+            branches = self._branches(hand.T_base_flange, hand.redundant)
+            found.tried += 1
+            found.unreachable += not branches
+            branches = branches[: wanted - len(found.postures)]
+            found.postures += branches
+            found.seats += [hand.p_probe_sphere] * len(branches)
+        return found
 
     def _hands(
-        self, R_base_gauge: Array, p_base_sphere: Array, location: int, sphere: int
-    ) -> Iterator[tuple[Array, Array, float]]:
-        """Flange poses (4, 4), sphere centres in the probe (3,) and redundant joints to try."""
+        self, R_base_gauge: Array, p_base_sphere: Array, key: tuple[int, ...],
+        offset_share: float = 1.0,
+    ) -> Iterator[Hand]:  # fmt: skip
+        """Hands evenly over the cap around a sphere; another `key`, other ones."""
         settings = self.settings
-        start = np.random.default_rng((settings.seed, location, sphere)).random(CHOICES)
+        start = np.random.default_rng(key).random(CHOICES)
         even = even_sequence(TRIES_PER_POSE * settings.poses_per_sphere, CHOICES, start)
         outward = cap_directions(even[:, 0], even[:, 1], settings.cap) @ R_base_gauge.T
         shortest, longest = settings.offset if isinstance(self.probe, ActiveProbe) else (0.0, 0.0)
-        length = shortest + (longest - shortest) * even[:, 5]
+        length = offset_share * (shortest + (longest - shortest) * even[:, 5])
         offsets = length[:, None] * sphere_directions(even[:, 3], even[:, 4])
         redundant = self._inverse.redundant_range()
         for row, direction, offset in zip(even, outward, offsets, strict=True):
@@ -207,7 +236,7 @@ class Planner:
             p_probe_sphere = self._seat + offset
             T_base_probe[:3, 3] = p_base_sphere - T_base_probe[:3, :3] @ p_probe_sphere
             swept = redundant[0] + row[6] * (redundant[1] - redundant[0])
-            yield T_base_probe @ self._T_probe_flange, p_probe_sphere, float(swept)
+            yield Hand(T_base_probe @ self._T_probe_flange, p_probe_sphere, float(swept))
 
     def _branches(self, T_base_flange: Array, redundant: float) -> list[Array]:
         """The branches within limits, each (K, n) with its full turns."""

@@ -52,7 +52,9 @@ def checked_trajectory(
     times = np.asarray(seconds, dtype=np.float64)
     q = np.asarray(positions, dtype=np.float64).reshape(-1, arm.n)[:, order]
     _refuse(np.any(~np.isfinite(q), axis=1), 'has a position that is no number')
-    _refuse(~np.greater(times[1:], times[:-1]), 'is later than the one after it')
+    _refuse(np.less(times, 0.0), 'is due before the start')
+    late = np.insert(np.less_equal(times[1:], times[:-1]), 0, [False] * min(len(times), 1))
+    _refuse(late, 'is not later than the one before')
     for joint, column in zip(arm.joints, q.T, strict=True):
         lower, upper = joint.limits
         outside = (column < lower) | (column > upper)

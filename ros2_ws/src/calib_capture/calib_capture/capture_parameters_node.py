@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of the capture node."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from calib_capture.configuration import ParameterError, configured, explained, number_within
+from calib_capture.messages import described
+from calib_capture.pairing import SteadySettings
+from calib_capture.program import ProgramSettings
+from calib_capture.run import RunSettings
+from calib_model.placement import parse_placements
+from calib_model.rotation import RigidTransform
+
+DESCRIBED = ('arm', 'probe', 'gauge')
+
+
+@dataclass(frozen=True)
+class CaptureParameters:
+    """What a capture is asked for; `paths` of descriptions are empty where a topic tells."""
+
+    paths: dict[str, str]
+    placements: dict[int, RigidTransform]
+    locations: tuple[int, ...]
+    output: str
+    program: ProgramSettings
+    steady: SteadySettings
+    run: RunSettings
+    wait_timeout: float
+
+
+class ParameterReader:
+    """Declares the capture node's parameters and checks what was given for them."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+
+    def read(self) -> CaptureParameters:
+        """All parameters.
+
+        Raises:
+            ParameterError: one of them cannot be used; names it.
+            DescriptionError: the placements cannot be read.
+        """
+        text = 'path of a YAML file: the description; empty: the one on the topic'
+        paths = {key: self._text(key, '', text) for key in DESCRIBED}
+        places = self._text('placements', '', explained('placements'))
+        steady = self._steady()
+        return CaptureParameters(
+            paths,
+            configured('placements', places, parse_placements),
+            self._integers('locations', 'to visit; empty: all that have a place'),
+            self._text('output', 'capture', 'bag to write, a folder that is not there'),
+            self._program(),
+            steady,
+            self._run(steady),
+            self._number('wait_timeout', 30.0, 's to wait for arm and probe', 0.1, 1e5),
+        )
+
+    def _program(self) -> ProgramSettings:
+        default = ProgramSettings()
+        text = f'numbers of the spheres to probe; empty: {default.spheres}'
+        spheres = self._integers('spheres', text)
+        text = 'm, the range of offsets in the probe'
+        offsets = self._node.declare_parameter(
+            'offsets', list(default.offset), described(text)
+        ).value
+        if len(offsets) != 2 or not 0 <= offsets[0] <= offsets[1]:
+            raise ParameterError("parameter 'offsets': expected [shortest, longest] in m")
+        text = 'deg around the z axis of the gauge from which spheres are probed'
+        return ProgramSettings(
+            spheres=spheres or default.spheres,
+            poses_per_sphere=self._whole(
+                'poses_per_sphere', default.poses_per_sphere, 'postures around each', 1, 10**5
+            ),
+            cap=np.radians(self._number('cap', 70.0, text, 0.0, 180.0)),
+            offset=(float(offsets[0]), float(offsets[1])),
+            seed=self._whole('seed', default.seed, 'of the program', 0, 2**62),
+        )
+
+    def _steady(self) -> SteadySettings:
+        default = SteadySettings()
+        return SteadySettings(
+            settle=self._number(
+                'settle', default.settle, 's that the arm must be still first', 0.0, 60.0
+            ),
+            dwell=self._number(
+                'dwell', default.dwell, 's of readings that are averaged', 1e-3, 60.0
+            ),
+            max_spread=self._number(
+                'max_spread', default.max_spread, 'm between readings of one pose', 0.0, 1.0
+            ),
+            lateness=self._number(
+                'lateness', default.lateness, 's that a message may be late', 0.0, 60.0
+            ),
+        )
+
+    def _run(self, steady: SteadySettings) -> RunSettings:
+        default = RunSettings()
+        text = 's that a pose is held beyond settle and dwell'
+        rest = self._number('rest', 0.02, text, 0.0, 60.0)
+        text = 's a still arm may leave poses unanswered'
+        return RunSettings(
+            batch=self._whole('batch', default.batch, 'poses commanded at once', 1, 100),
+            hold=steady.settle + steady.dwell + rest,
+            speed=self._number(
+                'speed', default.speed, 'of each joint, share of its limit', 1e-3, 1.0
+            ),
+            answer_timeout=self._number(
+                'answer_timeout', default.answer_timeout, text, 0.1, 3600.0
+            ),
+            give_up=self._number(
+                'give_up', default.give_up, 's without an answered pose that end it', 0.1, 1e5
+            ),
+        )
+
+    def _text(self, name: str, default: str, text: str) -> str:
+        return str(self._node.declare_parameter(name, default, described(text)).value)
+
+    def _number(self, name: str, default: float, text: str, lower: float, upper: float) -> float:
+        value = self._node.declare_parameter(name, default, described(text, dynamic=True)).value
+        return number_within(name, value, lower, upper)
+
+    def _whole(self, name: str, default: int, text: str, lower: int, upper: int) -> int:
+        value = self._node.declare_parameter(name, default, described(text)).value
+        return int(number_within(name, value, lower, upper))
+
+    def _integers(self, name: str, text: str) -> tuple[int, ...]:
+        kind = Parameter.Type.INTEGER_ARRAY
+        return tuple(self._node.declare_parameter(name, kind, described(text)).value or ())

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The capture node's side of the graph: descriptions, streams, commands and poses."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+from calib_interfaces.msg import ProbingPose, StylusDisplacements
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
+
+from calib_capture.capture_parameters_node import ParameterReader
+from calib_capture.messages import joint_trajectory, joints_of, qos_of, stamp_of
+from calib_capture.pairing import JointSample, Pairing, Reading
+from calib_capture.program import Planner, Program
+from calib_capture.recorder import Recorder
+from calib_capture.run import MeasuringRun, RunError
+from calib_capture.session import CaptureSession
+from calib_capture.trajectory import Trajectory
+from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
+from calib_model.topics import (
+    ARM_DESCRIPTION,
+    CAPTURE_POSES,
+    GAUGE_DESCRIPTION,
+    JOINT_STATES,
+    JOINT_TRAJECTORY,
+    PROBE_DESCRIPTION,
+    PROBE_DISPLACEMENTS,
+    Topic,
+)
+
+T = TypeVar('T')
+TICK = 0.02  # s
+DESCRIPTIONS = {'arm': ARM_DESCRIPTION, 'probe': PROBE_DESCRIPTION, 'gauge': GAUGE_DESCRIPTION}
+
+
+class CaptureNode(Node):
+    """Runs a measuring program on an arm and a probe that it knows by their topics alone.
+
+    `gather` waits for the descriptions, `plan` makes the program, `await_streams` waits for the
+    arm and the probe, `begin` starts a session that then lives on messages and timer ticks.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('capture')
+        self._texts: dict[str, str] = {}
+        self.asked = ParameterReader(self).read()
+        self._session: CaptureSession | None = None
+        self._sampled = self._read = False
+        self._joint_names: tuple[str, ...] = ()
+        self.failure: RunError | None = None
+        self._commands = self.create_publisher(
+            JointTrajectory, JOINT_TRAJECTORY.name, qos_of(JOINT_TRAJECTORY)
+        )
+        self._poses = self.create_publisher(ProbingPose, CAPTURE_POSES.name, qos_of(CAPTURE_POSES))
+        self._listen_for_descriptions()
+
+    def _listen_for_descriptions(self) -> None:
+        for key, topic in DESCRIPTIONS.items():
+            if not self.asked.paths[key]:
+                self._subscribe_description(key, topic)
+
+    def _subscribe_description(self, key: str, topic: Topic) -> None:
+        def keep(message: String) -> None:
+            self._texts.setdefault(key, message.data)
+
+        self.create_subscription(String, topic.name, keep, qos_of(topic))
+
+    def _description(self, key: str, parse: Callable[[str, str], T]) -> T:
+        if self.asked.paths[key]:
+            return read_description(self.asked.paths[key], parse)
+        return parse(self._texts[key], DESCRIPTIONS[key].name)
+
+    def missing_descriptions(self) -> str:
+        """The topics of the descriptions that have not come; empty when all have."""
+        missing = [
+            topic.name for key, topic in DESCRIPTIONS.items()
+            if not self.asked.paths[key] and key not in self._texts
+        ]  # fmt: skip
+        return ', '.join(missing)
+
+    def plan(self) -> Program:
+        """The measuring program of the gathered descriptions."""
+        self._arm = self._description('arm', parse_arm)
+        self._probe = self._description('probe', parse_probe)
+        self._gauge = self._description('gauge', parse_gauge)
+        self._joint_names = self._arm.joint_names
+        planner = Planner(self._arm, self._probe, self._gauge, self.asked.program)
+        return planner.program(self.asked.placements, self.asked.locations)
+
+    def listen(self) -> None:
+        """Take in joint states and probe readings from now on."""
+        for kind, topic, take in (
+            (JointState, JOINT_STATES, self._on_joints),
+            (StylusDisplacements, PROBE_DISPLACEMENTS, self._on_reading),
+        ):
+            qos = qos_of(topic, best_effort=True)
+            self.create_subscription(kind, topic.name, take, qos, raw=True)
+
+    def missing_streams(self) -> str:
+        """What of arm and probe has not shown itself yet; empty when both are there."""
+        missing = []
+        if not self._sampled:
+            missing.append(f'{JOINT_STATES.name} with {", ".join(self._joint_names)}')
+        if not self._commands.get_subscription_count():
+            missing.append(f'an arm that listens to {JOINT_TRAJECTORY.name}')
+        if not self._read:
+            missing.append(PROBE_DISPLACEMENTS.name)
+        return ', '.join(missing)
+
+    def begin(self, program: Program) -> CaptureSession:
+        """Open the bag and start the run."""
+        recorder = Recorder(
+            self.asked.output, self._arm, self._probe, self._gauge, self._announce, time.time_ns()
+        )
+        run = MeasuringRun(self._arm, program, self.asked.run, time.monotonic())
+        self._session = CaptureSession(
+            run, Pairing(self.asked.steady), recorder, self._arm.base_frame,
+            self._command, time.monotonic, time.time_ns,
+        )  # fmt: skip
+        self.create_timer(TICK, self._tick)
+        return self._session
+
+    def stop_arm(self) -> None:
+        """Let the arm forget the rest of its trajectory."""
+        self._commands.publish(JointTrajectory(joint_names=list(self._joint_names)))
+
+    def _tick(self) -> None:
+        if self._session is None or self.failure is not None:
+            return
+        try:
+            self._session.tick()
+        except RunError as error:
+            self.failure = error
+
+    def _command(self, trajectory: Trajectory) -> None:
+        self._commands.publish(joint_trajectory(self._joint_names, trajectory))
+
+    def _announce(self, pose: bytes) -> None:
+        self._poses.publish(pose)
+
+    def _on_joints(self, raw: bytes) -> None:
+        state = deserialize_message(raw, JointState)
+        joints = joints_of(state, self._joint_names)
+        if joints is None:
+            return
+        self._sampled = True
+        if self._session is not None:
+            self._session.take_joints(JointSample(stamp_of(state.header), joints), raw)
+
+    def _on_reading(self, raw: bytes) -> None:
+        self._read = True
+        if self._session is None:
+            return
+        message = deserialize_message(raw, StylusDisplacements)
+        first, second, third = message.status.tolist()
+        reading = Reading(stamp_of(message.header), message.displacement, (first, second, third))
+        self._session.take_reading(reading, raw)

@@ -1,0 +1,291 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A measuring run against an arm and a probe that are a few lines each."""
+
+import io
+
+import numpy as np
+import pytest
+
+from calib_capture.pairing import (
+    SECOND,
+    JointSample,
+    Pairing,
+    Reading,
+    Reason,
+    Refusal,
+    SteadyPose,
+    SteadySettings,
+)
+from calib_capture.program import PlannedPose, Program, SpherePlan
+from calib_capture.progress import Progress
+from calib_capture.recorder import Recorder
+from calib_capture.run import NO_ANSWER, MeasuringRun, RunError, RunSettings
+from calib_capture.session import CaptureSession
+from calib_capture.trajectory import Motion
+from calib_model import cdr
+from calib_model.bag import read_measurement
+from calib_model.bag_reader import read_messages
+from calib_model.errors import BagError
+from calib_model.topics import CAPTURE_POSES
+
+pytestmark = pytest.mark.timeout(60)
+SETTINGS = RunSettings(batch=3, answer_timeout=1.0, give_up=5.0)
+
+
+def planned(number, count=7, spares=2):
+    """Postures in a row, 0.1 rad apart, sphere `number` of location 1."""
+
+    def pose(i):
+        return PlannedPose(1, number, np.full(6, 0.1 * i), np.zeros(3))
+
+    poses = tuple(pose(i) for i in range(1, count + 1))
+    return SpherePlan(1, number, poses, tuple(pose(-i) for i in range(1, spares + 1)), count, 0)
+
+
+@pytest.fixture
+def program():
+    return Program((planned(1),))
+
+
+@pytest.fixture
+def run(kr5, program):
+    run = MeasuringRun(kr5, program, SETTINGS, 0.0)
+    run.see(np.zeros(6), 0.0)
+    return run
+
+
+def answered(joints):
+    return SteadyPose(1, joints, np.zeros(3), 3)
+
+
+def test_nothing_is_commanded_before_the_arm_has_been_seen(kr5, program):
+    run = MeasuringRun(kr5, program, SETTINGS, 0.0)
+    assert run.next_trajectory(0.0) is None
+    run.see(np.zeros(6), 0.0)
+    assert run.next_trajectory(0.0) is not None
+
+
+def test_the_next_batch_waits_for_the_last_one(run, program):
+    first = run.next_trajectory(0.0)
+    assert len(first.positions) == 6  # three poses, each with its rest
+    for pose in program.poses[:3]:
+        assert run.next_trajectory(0.1) is None
+        assert run.take(answered(pose.joints), 0.1).planned is pose
+    assert np.array_equal(run.next_trajectory(0.2).positions[0], program.poses[3].joints)
+
+
+def test_trajectories_keep_the_speed_and_hold_every_pose(run, kr5):
+    trajectory = run.next_trajectory(0.0)
+    ways = np.diff(np.vstack([np.zeros(6), trajectory.positions]), axis=0)
+    times = np.diff(trajectory.seconds, prepend=0.0)
+    assert (np.abs(ways) <= SETTINGS.speed * kr5.velocity * times[:, None] * (1 + 1e-9)).all()
+    assert np.allclose(times[1::2], SETTINGS.hold)
+    assert np.allclose(ways[1::2], 0)
+
+
+def test_a_run_ends_when_every_pose_is_taken(run, program):
+    for pose in program.poses:
+        run.next_trajectory(0.0)
+        run.take(answered(pose.joints), 1.0)
+    assert run.finished
+    assert run.tally.line() == '7 poses taken, 0 refused'
+    assert run.seconds_left(1.0) == 0
+
+
+def test_stops_that_nobody_planned_count_for_nothing(run):
+    run.next_trajectory(0.0)
+    assert run.take(answered(np.full(6, 0.55)), 0.1) is None
+    assert run.tally.done == 0
+
+
+def test_a_pose_passed_by_without_an_answer_is_tried_once_more(run, program):
+    run.next_trajectory(0.0)
+    second = program.poses[1]
+    assert run.take(answered(second.joints), 0.1).planned is second
+    run.take(answered(program.poses[2].joints), 0.1)
+    again = run.next_trajectory(0.2)
+    assert np.array_equal(again.positions[0], program.poses[0].joints)
+    run.take(answered(program.poses[3].joints), 0.3)
+    assert run.tally.refused == {NO_ANSWER: 1}
+
+
+def test_a_refusal_by_place_is_not_tried_again_but_replaced(run, program):
+    run.next_trajectory(0.0)
+    run.take(Refusal(1, program.poses[0].joints, Reason.OVER_TRAVEL), 0.1)
+    for pose in program.poses[1:3]:
+        run.take(answered(pose.joints), 0.1)
+    spare = run.next_trajectory(0.2)
+    assert np.array_equal(spare.positions[0], program.spheres[0].spares[0].joints)
+    assert run.tally.line() == '2 poses taken, 1 refused (1 over-travel; 1 replaced)'
+    assert run.tally.done == 2
+
+
+def test_without_a_spare_the_sphere_has_one_pose_less(kr5):
+    program = Program((planned(1, count=1, spares=0),))
+    run = MeasuringRun(kr5, program, SETTINGS, 0.0)
+    run.see(np.zeros(6), 0.0)
+    run.next_trajectory(0.0)
+    run.take(Refusal(1, program.poses[0].joints, Reason.OVER_TRAVEL), 0.1)
+    assert run.finished
+    assert run.tally.taken == 0
+
+
+def test_lost_readings_are_tried_once_more(run, program):
+    for _ in range(2):
+        run.next_trajectory(0.0)
+        run.take(Refusal(1, program.poses[0].joints, Reason.NO_READINGS), 0.1)
+        for pose in program.poses[1:3]:
+            run.take(answered(pose.joints), 0.1)
+    assert run.tally.refused == {'no probe readings': 1}
+
+
+def test_an_arm_that_is_there_already_steps_aside_for_a_new_stop(run, program):
+    run.see(program.poses[0].joints, 0.0)
+    trajectory = run.next_trajectory(0.0)
+    aside = np.abs(trajectory.positions[0] - program.poses[0].joints).max()
+    assert SETTINGS.tolerance < aside <= 0.02
+    assert np.array_equal(trajectory.positions[1], program.poses[0].joints)
+
+
+def test_a_silent_graph_is_given_up_in_time(run):
+    run.next_trajectory(0.0)
+    assert not run.overdue(0.9)
+    run.see(np.full(6, 0.05), 0.9)  # it still moves
+    assert not run.overdue(1.5)
+    assert run.overdue(2.0)
+    run.close_batch(2.0)
+    run.next_trajectory(2.0)
+    with pytest.raises(RunError, match='no pose has been answered for 6 s'):
+        run.close_batch(6.0)
+
+
+class Simulated:
+    """Arm and probe in one: goes where it is told and reads as it is told to."""
+
+    def __init__(self, kr5, folder, program, status=lambda joints: 0):
+        self.kr5 = kr5
+        self.status = status
+        self.trajectories = []
+        self.announced = []
+        self.on_disk = []
+        self.now = 0
+        self.folder = folder
+        self.program = program
+
+    def session(self, probe, gauge):
+        recorder = Recorder(self.folder, self.kr5, probe, gauge, self.announce, 1)
+        run = MeasuringRun(self.kr5, self.program, SETTINGS, 0.0)
+        pairing = Pairing(SteadySettings())
+        clock, wall = (lambda: self.now / SECOND), (lambda: self.now)
+        return CaptureSession(
+            run, pairing, recorder, 'base_link', self.trajectories.append, clock, wall
+        )
+
+    def announce(self, data):
+        self.announced.append(data)
+        messages = read_messages(self.folder, {CAPTURE_POSES.name})
+        self.on_disk.append([message.data for message in messages])
+
+    def live(self, session, seconds):
+        """Let time pass; every trajectory is followed from where the arm then is."""
+        motion, began = Motion.resting(np.zeros(6)), 0
+        for _ in range(round(seconds / 0.01)):
+            self.now += SECOND // 100
+            if self.trajectories:
+                here = motion.at((self.now - began) / SECOND)[0]
+                motion = Motion(here, self.trajectories.pop(), self.kr5.velocity)
+                began = self.now
+            q = motion.at((self.now - began) / SECOND)[0]
+            raw = cdr.encode(cdr.joint_state(self.now, 'base', list(self.kr5.joint_names), q))
+            session.take_joints(JointSample(self.now, q), raw)
+            status = (self.status(q), 0, 0)
+            raw = cdr.encode(cdr.displacements(self.now, 'probe', np.zeros(3), np.array(status)))
+            session.take_reading(Reading(self.now, np.zeros(3), status), raw)
+            session.tick()
+            if session.finished:
+                return
+
+
+def test_a_session_takes_every_pose_into_a_bag_that_reads_back(
+    kr5, probe, gauge, tmp_path, program
+):
+    simulated = Simulated(kr5, tmp_path / 'bag', program)
+    session = simulated.session(probe, gauge)
+    with session.recorder:
+        simulated.live(session, 20.0)
+    assert session.finished
+    measured = read_measurement(tmp_path / 'bag')
+    assert np.allclose(measured.poses.joints, [pose.joints for pose in program.poses])
+    assert measured.arm == kr5
+    assert measured.gauge == gauge
+    topics = {message.topic for message in read_messages(tmp_path / 'bag')}
+    assert {'/joint_states', '/probe/displacements', '/capture/poses'} < topics
+
+
+def test_a_pose_is_announced_when_it_is_on_disk(kr5, probe, gauge, tmp_path, program):
+    simulated = Simulated(kr5, tmp_path / 'bag', program)
+    session = simulated.session(probe, gauge)
+    with session.recorder:
+        simulated.live(session, 20.0)
+    assert len(simulated.announced) == len(program.poses)
+    for data, on_disk in zip(simulated.announced, simulated.on_disk, strict=True):
+        assert data in on_disk
+
+
+def test_pairing_redone_from_the_bag_gives_the_same_poses(kr5, probe, gauge, tmp_path, program):
+    simulated = Simulated(kr5, tmp_path / 'bag', program)
+    session = simulated.session(probe, gauge)
+    with session.recorder:
+        simulated.live(session, 20.0)
+    pairing, redone = Pairing(SteadySettings()), []
+    for message in read_messages(tmp_path / 'bag', {'/joint_states', '/probe/displacements'}):
+        content = cdr.decode(message.type, message.data)
+        stamp = cdr.stamp_of(content)
+        if message.topic == '/joint_states':
+            redone += pairing.add_joints(JointSample(stamp, content.position))
+        else:
+            reading = Reading(stamp, content.displacement, tuple(content.status))
+            redone += pairing.add_reading(reading)
+    poses = read_measurement(tmp_path / 'bag').poses
+    taken = [pose for pose in redone if pose.stamp in poses.stamp]
+    assert np.array_equal([pose.joints for pose in taken], poses.joints)
+    assert np.array_equal([pose.displacement for pose in taken], poses.displacement)
+
+
+def test_a_pose_beyond_the_styli_is_replaced_by_a_spare(kr5, probe, gauge, tmp_path, program):
+    beyond = program.poses[2].joints
+    simulated = Simulated(
+        kr5, tmp_path / 'bag', program, lambda q: 2 if np.allclose(q, beyond, atol=1e-3) else 0
+    )
+    session = simulated.session(probe, gauge)
+    with session.recorder:
+        simulated.live(session, 30.0)
+    assert session.finished
+    joints = read_measurement(tmp_path / 'bag').poses.joints
+    assert len(joints) == 7
+    assert not any(np.allclose(q, beyond) for q in joints)
+    assert any(np.allclose(q, program.spheres[0].spares[0].joints) for q in joints)
+
+
+def test_a_bag_is_never_overwritten(kr5, probe, gauge, tmp_path, program):
+    (tmp_path / 'bag').mkdir()
+    with pytest.raises(BagError, match='exists already'):
+        Simulated(kr5, tmp_path / 'bag', program).session(probe, gauge)
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_progress_is_a_bar_on_a_terminal_and_lines_elsewhere():
+    terminal, file = Terminal(), io.StringIO()
+    for stream in (terminal, file):
+        progress = Progress(stream)
+        progress.show(5, 10, 90.0, 'location 1, sphere 6', 0.0)
+        progress.show(6, 10, 80.0, 'location 1, sphere 6', 0.01)  # too soon to be read
+        progress.say('done')
+    assert '[###############...............] 5/10, 1 min 30 s left' in terminal.getvalue()
+    assert '6/10' not in terminal.getvalue()
+    assert terminal.getvalue().endswith('\r\x1b[Kdone\n')
+    assert file.getvalue() == '5 of 10 poses, 1 min 30 s left, location 1, sphere 6\ndone\n'
