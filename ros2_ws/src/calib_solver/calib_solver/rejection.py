@@ -146,7 +146,11 @@ def _moved_spheres(problem: Problem, arm: Arm, probe: Probe, kept: Mask) -> Move
     usual = float(np.median(error))
     gauge = problem.measured.gauge
     certificate = np.array([gauge.distance_uncertainty(length) for length in problem.nominal])
-    bad = error > np.maximum(FAR_DISTANCE * usual, FAR * certificate) + LEAST_SIZE
+    _, pose = _deviations(problem, arm, probe, kept)
+    of_center = pose[problem.start[:-1]] / np.sqrt(problem.counts)
+    of_poses = np.linalg.norm(of_center[problem.pairs], axis=1)
+    allowed = np.maximum(FAR_DISTANCE * usual, FAR * (certificate + of_poses))
+    bad = error > allowed + LEAST_SIZE
     moved: Moved = {}
     for rows in problem.locations:
         here = bad & np.isin(problem.pairs[:, 0], rows)

@@ -70,8 +70,10 @@ def estimate_uncertainty(
     # the truth lies about nominal as the prior says: its pull is an error of that size
     pull = kappa**2 * information * strength
     inverse = _inverse(hessian)
-    covariance = inverse @ (scatter + np.diag(pull)) @ inverse
-    return Uncertainty((covariance + covariance.T) / 2, float(np.sqrt(noise)), misfit)
+    # by way of a square root of the scatter, so that rounding leaves no negative variance
+    squares, axes = np.linalg.eigh(scatter + np.diag(pull))
+    root = inverse @ (axes * np.sqrt(np.maximum(squares, 0.0)))
+    return Uncertainty(root @ root.T, float(np.sqrt(noise)), misfit)
 
 
 def pose_variance(sums: SphereSums, free: int) -> float:

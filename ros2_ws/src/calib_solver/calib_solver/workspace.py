@@ -50,4 +50,5 @@ def over_workspace(done: Identification, seed: int = 0) -> WorkspaceUncertainty:
     generator = np.random.default_rng(seed)
     joints = generator.uniform(limits[:, 0], limits[:, 1], (POSTURES, done.arm.n))
     covariance = position_uncertainty(done, joints)
-    return WorkspaceUncertainty(joints, np.sqrt(np.trace(covariance, axis1=1, axis2=2)))
+    variance = np.trace(covariance, axis1=1, axis2=2)
+    return WorkspaceUncertainty(joints, np.sqrt(np.maximum(variance, 0.0)))
