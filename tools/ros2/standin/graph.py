@@ -18,6 +18,7 @@ from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
 from .command_line import Interrupted
 
+PATIENCE = 2.0  # s; discovery that takes longer has failed
 NamesAndTypes = list[tuple[str, list[str]]]
 
 
@@ -61,7 +62,10 @@ _signals = Signals()
 
 @contextmanager
 def graph_node(purpose: str = 'node', spin_time: float = 0.0) -> Iterator[Node]:
-    """A hidden node that has listened to the graph for `spin_time` seconds."""
+    """A hidden node that has listened to the graph for `spin_time` seconds.
+
+    Where it would still be alone then, it listens for as long as it takes to be sure.
+    """
     # rclpy's own handlers end the context at once; here a goal may have to be cancelled first.
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     _signals.listen()
@@ -69,6 +73,8 @@ def graph_node(purpose: str = 'node', spin_time: float = 0.0) -> Iterator[Node]:
                              enable_rosout=False)
     try:
         wait_until(node, lambda: False, spin_time)
+        if spin_time and not node_names(node):
+            wait_for(node, lambda: node_names(node), PATIENCE)
         yield node
     finally:
         node.destroy_node()
@@ -90,7 +96,7 @@ def wait_until(node: Node, condition: Callable[[], bool], seconds: float) -> boo
     return True
 
 
-def wait_for(node: Node, find: Callable[[], Sequence[Any]], seconds: float = 3.0) -> bool:
+def wait_for(node: Node, find: Callable[[], Sequence[Any]], seconds: float) -> bool:
     """Wait for what `find` looks for, and a little longer for others of the same name."""
     found = wait_until(node, lambda: bool(find()), seconds)
     wait_until(node, lambda: False, 0.2 if found else 0.0)

@@ -3,7 +3,7 @@
 
 import argparse
 
-from ...graph import absolute, add_discovery_arguments, graph_node, wait_for
+from ...graph import PATIENCE, absolute, add_discovery_arguments, graph_node, wait_for
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,7 +17,7 @@ def main(args: argparse.Namespace) -> int:
         def types() -> list[str]:
             return dict(node.get_service_names_and_types()).get(absolute(args.service_name), [])
 
-        found = wait_for(node, types, args.spin_time)
+        found = wait_for(node, types, args.spin_time + PATIENCE)
         for name in types():
             print(name)
     return 0 if found else 1

@@ -9,7 +9,7 @@ from rclpy.task import Future
 
 from ...command_line import Refusal
 from ...fields import TRUNCATE_LENGTH, as_yaml
-from ...graph import absolute, add_discovery_arguments, graph_node, wait_for, wait_until
+from ...graph import PATIENCE, absolute, add_discovery_arguments, graph_node, wait_for, wait_until
 from ...subscribing import add_qos_arguments, chosen_qos, topic_type
 
 
@@ -50,7 +50,9 @@ def main(args: argparse.Namespace) -> None:
                 finished.set_result(None)
 
     with graph_node('echo') as node:
-        wait_for(node, lambda: node.get_publishers_info_by_topic(topic), args.spin_time)
+        # With the type given, publishers may come later; without it there must be one.
+        patience = args.spin_time + (0.0 if args.message_type else PATIENCE)
+        wait_for(node, lambda: node.get_publishers_info_by_topic(topic), patience)
         kind = topic_type(node, topic, args.message_type)
         node.create_subscription(kind, topic, show, chosen_qos(node, topic, args))
         if wait_until(node, finished.done, args.timeout or math.inf):
