@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from calib_model.rotation import Array
 
+from calib_model.rotation import Array
 from calib_solver.identification import Identification
 from calib_solver.problem import Problem
 from calib_solver.quality import Quality, probed_points

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -89,7 +89,7 @@ def identify(measured: Measurement, options: Options | None = None) -> Identific
         problem, rejected = cleaned.problem, cleaned.rejected
         warnings += cleaned.warnings
         solver.refuse_too_little(problem)
-    fit = solver.solve(problem)
+    fit = solver.account(problem, solver.solve(problem))
     solver.refuse_worse(problem, fit)
     full = solver.full(fit.x)
     arm, probe = table.apply(full, measured.arm, measured.probe)
@@ -117,6 +117,8 @@ class _Solver:
         self.scale = options.prior.sigmas(table)
         self.information = options.prior.information(table)
         self.start: Array = np.zeros(len(self.nominal))
+        self.iterations = 0
+        self.evaluations = 0
 
     def full(self, x: Array) -> Array:
         """All columns from offsets of the free ones."""
@@ -134,7 +136,19 @@ class _Solver:
         """The minimum, started from where the last one was found."""
         fit = minimise(lambda x: self.value(problem, x), self.start, self.scale, self.information)
         self.start = fit.x
+        self.iterations += fit.iterations
+        self.evaluations += fit.evaluations
         return fit
+
+    def account(self, problem: Problem, fit: Fit) -> Fit:
+        """The last fit with the work of all of them, from the nominal parameters on."""
+        nominal = self.value(problem, np.zeros(len(fit.x)))
+        return replace(
+            fit,
+            phi_initial=nominal.phi,
+            iterations=self.iterations,
+            evaluations=self.evaluations,
+        )
 
     def arm_and_probe(self, problem: Problem) -> tuple[Arm, Probe]:
         """The best arm and probe for a problem."""
@@ -154,12 +168,11 @@ class _Solver:
 
     def refuse_worse(self, problem: Problem, fit: Fit) -> None:
         """Raise where the fit has a higher objective than the nominal parameters."""
-        nominal = self.value(problem, np.zeros(len(fit.x)))
-        rounding = nominal.terms * ROUNDING**2
-        if not fit.quadratic.phi <= nominal.phi * (1 + 1e-9) + rounding:
+        rounding = fit.quadratic.terms * ROUNDING**2
+        if not fit.quadratic.phi <= fit.phi_initial * (1 + 1e-9) + rounding:
             raise FitError(
                 f'{problem.measured.source}: the fit is worse than the nominal parameters '
-                f'(phi {fit.quadratic.phi:.3g} against {nominal.phi:.3g} m^2): {fit.reason}'
+                f'(phi {fit.quadratic.phi:.3g} against {fit.phi_initial:.3g} m^2): {fit.reason}'
             )
 
     def refuse_too_little(self, problem: Problem) -> None:
