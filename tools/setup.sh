@@ -41,6 +41,7 @@ install_wheels() {
   echo "set-up: wheels of $list"
   # The list is complete, so nothing is left to resolve; modules compile when first imported.
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-compile \
+    --use-pep517 \
     -r "$list"
   echo "$want" >".venv/$list"
 }
