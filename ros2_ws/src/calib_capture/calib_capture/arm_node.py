@@ -35,7 +35,7 @@ from calib_model.urdf import arm_urdf
 
 STEPPED_IDLE = 0.05  # s: in stepped simulation an arm at rest lives in real time, at this beat
 STEPPED_BURST = 40  # states published at once: less than half of what a subscriber keeps
-STEPPED_PAUSE = 0.005  # s between bursts of one motion, for the subscribers to take them in
+STEPPED_PAUSE = 0.025  # s between bursts of one motion: what subscribers in Python keep up with
 STEPPED_PATIENCE = 0.2  # s before an arm counts as at rest, not as waiting for the next goal
 
 
@@ -65,7 +65,9 @@ class ArmNode(Node):
             self.create_timer(1.0 / self._rate, self._tick)
         else:
             self.create_timer(STEPPED_PAUSE, self._beat)
-        speed = f'{self._scale:g} times real time' if self._scale > 0 else 'stepped'
+        step = self._scale / self._rate * 1e3
+        speed = f'{self._scale:g} times real time, a state every {step:.3g} ms of its own time'
+        speed = speed if self._scale > 0 else 'stepped'
         self.get_logger().info(f'{self._arm.name}, {self._arm.n} joints, {speed}')
 
     def _read_parameters(self) -> None:

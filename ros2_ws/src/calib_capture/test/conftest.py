@@ -1,4 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import os
+import random
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -41,3 +49,59 @@ def gauge(config: Path) -> Gauge:
 def placements(config: Path) -> dict[int, RigidTransform]:
     path = config / 'locations' / 'kr5.yaml'
     return parse_placements(path.read_text(encoding='utf-8'), str(path))
+
+
+@pytest.fixture
+def domain() -> int:
+    """A ROS domain id that no graph of this machine is on."""
+    for number in random.sample(range(1, 101), 100):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+            try:
+                taken.bind(('', 7410 + 250 * number))  # where its first participant would listen
+            except OSError:
+                continue
+            return number
+    raise AssertionError('every domain is in use')
+
+
+@pytest.fixture
+def graph(domain: int) -> Iterator[Graph]:
+    """Nodes as processes on a graph of their own, all ended with the test."""
+    graph = Graph(domain)
+    yield graph
+    graph.end()
+
+
+class Graph:
+    """Starts modules as processes on one domain."""
+
+    def __init__(self, domain: int) -> None:
+        self.domain = domain
+        self.environment = {
+            **os.environ,
+            'ROS_DOMAIN_ID': str(domain),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        }
+        self._running: list[subprocess.Popen[str]] = []
+
+    def start(self, module: str, **parameters: object) -> subprocess.Popen[str]:
+        """`python -m module` with these parameters; lists as they are written in YAML."""
+        given = [part for key, value in parameters.items() for part in ('-p', f'{key}:={value}')]
+        process = subprocess.Popen(
+            [sys.executable, '-m', module, '--ros-args', *given], env=self.environment, text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
+        self._running.append(process)
+        return process
+
+    def end(self) -> None:
+        """A node that is killed haunts the graph until its lease runs out: ask it first."""
+        for process in self._running:
+            if process.poll() is None:
+                process.terminate()
+        for process in self._running:
+            try:
+                process.communicate(timeout=10)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.communicate()

@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole capture as processes: the arm, a probe that knows no world, and the capture node."""
+
+from __future__ import annotations
+
+import signal
+import time
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip('rclpy', reason='no ROS 2 here')
+pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
+from calib_interfaces.msg import ProbingPose, StylusDisplacements  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+
+from calib_capture.messages import joints_of, qos_of, stamp_of, time_of  # noqa: E402
+from calib_model.bag import read_measurement  # noqa: E402
+from calib_model.bag_reader import read_messages  # noqa: E402
+from calib_model.description import gauge_yaml, probe_yaml  # noqa: E402
+from calib_model.kinematics import points  # noqa: E402
+from calib_model.topics import (  # noqa: E402
+    CAPTURE_POSES,
+    GAUGE_DESCRIPTION,
+    JOINT_STATES,
+    PROBE_DESCRIPTION,
+    PROBE_DISPLACEMENTS,
+)
+
+pytestmark = pytest.mark.timeout(120)
+ARM, CAPTURE = 'calib_capture.arm_node', 'calib_capture.capture_node'
+
+
+class PerfectProbe:
+    """A probe on a perfect arm with the gauge just where it should be.
+
+    `blind` readings in a row are not sent, as when the network drops them.
+    """
+
+    def __init__(self, domain, arm, probe, gauge, placements):
+        self.arm, self.probe, self.gauge = arm, probe, gauge
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node('probe', context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.latched = []
+        for topic, text in (
+            (PROBE_DESCRIPTION, probe_yaml(probe)), (GAUGE_DESCRIPTION, gauge_yaml(gauge)),
+        ):  # fmt: skip
+            publisher = self.node.create_publisher(String, topic.name, qos_of(topic))
+            publisher.publish(String(data=text))
+            self.latched.append(publisher)
+        centers = np.array([center for _, center in gauge.spheres])
+        self.spheres = np.concatenate([place.apply(centers) for place in placements.values()])
+        self.publisher = self.node.create_publisher(
+            StylusDisplacements, PROBE_DISPLACEMENTS.name, qos_of(PROBE_DISPLACEMENTS)
+        )
+        self.node.create_subscription(
+            JointState, JOINT_STATES.name, self.read, qos_of(JOINT_STATES, best_effort=True)
+        )
+        self.poses = []
+        self.node.create_subscription(
+            ProbingPose, CAPTURE_POSES.name, self.poses.append, qos_of(CAPTURE_POSES)
+        )
+        self.before = None
+        self.silent = lambda joints: False
+
+    def read(self, state):
+        """Three readings between two states of an arm at rest, one where it has arrived."""
+        joints, stamp = joints_of(state, self.arm.joint_names), stamp_of(state.header)
+        resting = self.before is not None and np.abs(joints - self.before[1]).max() < 1e-9
+        stamps = [stamp]
+        if resting and stamp - self.before[0] < 1e8:
+            stamps = np.linspace(self.before[0], stamp, 4)[1:].astype(int).tolist()
+        self.before = stamp, joints
+        if self.silent(joints):
+            return
+        displacement, status = self.touched(joints)
+        for each in stamps:
+            message = StylusDisplacements(displacement=displacement, status=status)
+            message.header.stamp = time_of(each)
+            self.publisher.publish(message)
+
+    def touched(self, joints):
+        flange_T_probe = self.probe.flange_T_probe.matrix()
+        origin, x, y, z = (
+            points(self.arm, joints, (flange_T_probe @ np.append(p, 1.0))[:3])[0]
+            for p in (np.zeros(3), *np.eye(3))
+        )
+        nearest = self.spheres[np.argmin(np.linalg.norm(self.spheres - origin, axis=1))]
+        p_probe = np.stack([x - origin, y - origin, z - origin]) @ (nearest - origin)
+        s = self.probe.displacements(p_probe[None], self.gauge.sphere_diameter)[0]
+        if np.isnan(s).any() or (s < self.probe.stroke[:, 0]).any():
+            return np.zeros(3), np.ones(3, dtype=np.uint8)
+        return s, np.where(s > self.probe.stroke[:, 1], 2, 0).astype(np.uint8)
+
+    def spin_while(self, process, seconds=90.0):
+        end = time.monotonic() + seconds
+        while process.poll() is None:
+            assert time.monotonic() < end, 'the capture does not end'
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def close(self):
+        self.node.destroy_node()
+        self.executor.shutdown()
+        self.context.shutdown()
+
+
+@pytest.fixture
+def perfect(domain, kr5, probe, gauge, placements, monkeypatch):
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    perfect = PerfectProbe(domain, kr5, probe, gauge, placements)
+    yield perfect
+    perfect.close()
+
+
+@pytest.fixture
+def asked(config, tmp_path):
+    """Twelve poses of two spheres at one location."""
+    return {
+        'placements': config / 'locations' / 'kr5.yaml', 'output': tmp_path / 'bag',
+        'locations': '[3]', 'spheres': '[1, 10]', 'poses_per_sphere': 6,
+    }  # fmt: skip
+
+
+@pytest.fixture
+def arm_node(graph, config):
+    path = config / 'arms' / 'kuka_kr5_sixx_r650.yaml'
+    return graph.start(ARM, arm=path, time_scale=0)
+
+
+def test_every_pose_is_taken_published_and_recorded(graph, perfect, asked, arm_node, tmp_path):
+    capture = graph.start(CAPTURE, **asked)
+    perfect.spin_while(capture)
+    said, error = capture.communicate()
+    assert capture.returncode == 0, error
+    assert said.strip().splitlines()[-1].startswith(f'{tmp_path}/bag: 12 poses taken, 0 refused')
+    measured = read_measurement(tmp_path / 'bag')
+    poses = measured.poses
+    assert sorted(zip(poses.location, poses.sphere, strict=True)) == [(3, 1)] * 6 + [(3, 10)] * 6
+    assert (poses.readings >= 2).all()
+    # a perfect arm and gauge: every reading puts the sphere where its place says
+    p_flange = measured.probe.flange_T_probe.apply(measured.centers())
+    p_base = points(measured.arm, poses.joints, p_flange)
+    off = np.linalg.norm(p_base[:, None] - perfect.spheres[None], axis=2).min(axis=1)
+    assert off.max() < 1e-7
+    topics = {message.topic for message in read_messages(tmp_path / 'bag')}
+    assert topics == {
+        '/arm_description', '/probe_description', '/gauge_description', '/joint_states',
+        '/probe/displacements', '/capture/poses',
+    }  # fmt: skip
+    perfect.executor.spin_once(timeout_sec=0.2)
+    assert len(perfect.poses) == 12
+    assert [stamp_of(pose.header) for pose in perfect.poses] == poses.stamp.tolist()
+
+
+def test_readings_lost_once_are_taken_the_second_time(graph, perfect, asked, arm_node, tmp_path):
+    lost = []
+
+    def silent(joints):
+        """Loses what is read at the first posture with contact."""
+        if not lost and not perfect.touched(joints)[1].any():
+            lost.append(joints)
+        return len(lost) == 1 and np.allclose(joints, lost[0]) and len(perfect.poses) < 3
+
+    perfect.silent = silent
+    capture = graph.start(CAPTURE, **asked, answer_timeout=1.0)
+    perfect.spin_while(capture)
+    assert capture.returncode == 0, capture.communicate()
+    joints = read_measurement(tmp_path / 'bag').poses.joints
+    assert len(joints) == 12
+    first = np.abs(joints - lost[0]).max(axis=1).argmin()
+    assert np.abs(joints[first] - lost[0]).max() < 1e-9
+    assert first >= 3
+
+
+def test_ctrl_c_stops_the_arm_and_leaves_a_bag_that_opens(
+    graph, perfect, asked, config, tmp_path
+):
+    path = config / 'arms' / 'kuka_kr5_sixx_r650.yaml'
+    graph.start(ARM, arm=path, time_scale=5)
+    capture = graph.start(CAPTURE, **{**asked, 'poses_per_sphere': 200})
+    end = time.monotonic() + 60
+    while len(perfect.poses) < 5 and time.monotonic() < end:
+        perfect.executor.spin_once(timeout_sec=0.05)
+    capture.send_signal(signal.SIGINT)
+    perfect.spin_while(capture)
+    said, error = capture.communicate()
+    assert capture.returncode == 130, error
+    assert 'stopped: ' in said
+    assert 'Traceback' not in error
+    poses = read_measurement(tmp_path / 'bag').poses
+    assert len(poses) >= 5
+    assert {stamp_of(p.header) for p in perfect.poses[:5]} <= set(poses.stamp.tolist())
+    assert (tmp_path / 'bag' / 'metadata.yaml').is_file()
+    for _ in range(20):
+        perfect.executor.spin_once(timeout_sec=0.02)
+    here = perfect.before[1]
+    for _ in range(20):
+        perfect.executor.spin_once(timeout_sec=0.02)
+    assert np.array_equal(perfect.before[1], here)
+
+
+def test_an_arm_that_goes_silent_ends_the_run_with_a_line_and_a_bag(
+    graph, perfect, asked, arm_node, tmp_path
+):
+    capture = graph.start(
+        CAPTURE, **{**asked, 'poses_per_sphere': 400}, answer_timeout=0.5, give_up=2.0
+    )
+    end = time.monotonic() + 60
+    while len(perfect.poses) < 5 and time.monotonic() < end:
+        perfect.executor.spin_once(timeout_sec=0.05)
+    arm_node.send_signal(signal.SIGSTOP)
+    try:
+        perfect.spin_while(capture)
+    finally:
+        arm_node.send_signal(signal.SIGCONT)
+    _, error = capture.communicate()
+    assert capture.returncode == 2
+    assert 'no pose has been answered for' in error
+    assert len(error.strip().splitlines()) == 1
+    assert len(read_measurement(tmp_path / 'bag').poses) >= 5
+
+
+def test_it_says_what_it_waits_for_and_gives_up(graph, asked):
+    capture = graph.start(CAPTURE, **asked, wait_timeout=4.0)
+    said, error = capture.communicate(timeout=60)
+    assert capture.returncode == 2
+    assert 'waiting for /arm_description, /probe_description, /gauge_description' in said
+    assert 'in vain for /arm_description' in error
+    assert not asked['output'].exists()
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'said'),
+    [
+        ({'placements': '/nowhere/kr5.yaml'}, '/nowhere/kr5.yaml: cannot be read'),
+        ({'poses_per_sphere': 0}, "parameter 'poses_per_sphere': expected a number from 1"),
+        ({'offsets': '[0.002, 0.001]'}, "parameter 'offsets': expected [shortest, longest] in m"),
+        ({'dwell': 'long'}, "parameter 'dwell': expected a number"),
+        ({'output': '/'}, '/: exists already, a bag is never overwritten'),
+    ],
+)
+def test_bad_parameters_end_it_with_two_and_one_line(graph, asked, parameters, said):
+    capture = graph.start(CAPTURE, **{**asked, **parameters})
+    _, error = capture.communicate(timeout=30)
+    assert capture.returncode == 2
+    assert said in error
+    assert len(error.strip().splitlines()) == 1
