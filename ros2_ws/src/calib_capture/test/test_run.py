@@ -17,7 +17,6 @@ from calib_capture.pairing import (
     SteadySettings,
 )
 from calib_capture.program import PlannedPose, Program, SpherePlan
-from calib_capture.progress import Progress
 from calib_capture.recorder import Recorder
 from calib_capture.run import NO_ANSWER, MeasuringRun, RunError, RunSettings
 from calib_capture.session import CaptureSession
@@ -26,6 +25,7 @@ from calib_model import cdr
 from calib_model.bag import read_measurement
 from calib_model.bag_reader import read_messages
 from calib_model.errors import BagError
+from calib_model.progress import Progress
 from calib_model.topics import CAPTURE_POSES
 
 pytestmark = pytest.mark.timeout(60)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Telling how far a run has come: a bar on a terminal, plain lines elsewhere."""
+"""Telling how far long work has come: a bar on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ LINE_PERIOD = 5.0  # s
 
 
 class Progress:
-    """Shows counts of a run, not more often than can be read."""
+    """Shows counts of `things`, not more often than can be read."""
 
-    def __init__(self, stream: TextIO = sys.stdout) -> None:
+    def __init__(self, stream: TextIO = sys.stdout, things: str = 'poses') -> None:
         self._stream = stream
+        self._things = things
         self._bar = stream.isatty()
         self._shown = -math.inf
         self._open = False
@@ -29,7 +30,8 @@ class Progress:
         self._shown = now
         left = f', {_duration(seconds_left)} left' if math.isfinite(seconds_left) else ''
         if not self._bar:
-            print(f'{done} of {planned} poses{left}, {where}', file=self._stream, flush=True)
+            line = f'{done} of {planned} {self._things}{left}, {where}'
+            print(line, file=self._stream, flush=True)
             return
         filled = BAR * done // max(planned, 1)
         bar = '#' * filled + '.' * (BAR - filled)
@@ -39,10 +41,14 @@ class Progress:
 
     def say(self, line: str) -> None:
         """A line of its own, clear of the bar."""
-        if self._open:
-            print('\r\x1b[K', end='', file=self._stream)
-            self._open = False
+        self.clear()
         print(line, file=self._stream, flush=True)
+
+    def clear(self) -> None:
+        """Take the bar away, if there is one."""
+        if self._open:
+            print('\r\x1b[K', end='', file=self._stream, flush=True)
+            self._open = False
 
 
 def _duration(seconds: float) -> str:
