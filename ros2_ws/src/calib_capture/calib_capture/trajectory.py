@@ -111,7 +111,7 @@ class Motion:
 
     def instants(self) -> Array:
         """Where a stepped simulation looks, s: ends of rests and motions, and a few between."""
-        found = [np.zeros(1)]
+        found: list[Array] = [np.zeros(1)]
         for begin, end, speed in zip(self.seconds, self.seconds[1:], self._speeds, strict=False):
             resting = np.abs(speed).max() * (end - begin) < REST
             steps = int(np.ceil((end - begin) / (DWELL_STEP if resting else MOTION_STEP)))
