@@ -28,7 +28,12 @@ CAPTURES = {
     'identification': ((1, 2, 3, 4, 5, 6, 7), (1, 6, 10, 14)),
     'held_out': ((8,), tuple(range(1, 15))),
 }
-MARK = 'result.json'  # a folder that has it, or is empty, is an earlier demo's and may be replaced
+RESULT = 'result.json'
+LOGS = ('arm', 'probe', *(f'capture_{name}' for name in CAPTURES), 'identify', 'evaluate')
+WRITTEN = {
+    *CAPTURES, *(f'{name}.log' for name in LOGS),
+    RESULT, 'arm.yaml', 'probe.yaml', 'arm.urdf', 'report.html',
+}  # fmt: skip
 CAPTURE_SECONDS = 600.0
 SOLVE_SECONDS = 120.0
 ROWS = (
@@ -102,7 +107,7 @@ class Demo:
                 children.start(child)
             for child in running:
                 children.wait(child, SOLVE_SECONDS)
-        quality = json.loads((self.folder / MARK).read_text(encoding='utf-8'))['quality']
+        quality = json.loads((self.folder / RESULT).read_text(encoding='utf-8'))['quality']
         return {
             'initial': quality['initial'],
             'identified': quality['identified'],
@@ -124,10 +129,13 @@ def table(columns: dict[str, Record]) -> str:
 
 
 def replaceable(folder: Path) -> bool:
-    """Whether nothing is lost with a folder: it is not there, empty, or an earlier demo's."""
+    """Whether nothing is lost with a folder: it is not there, empty, or just an earlier demo's."""
     if not folder.exists():
         return True
-    return folder.is_dir() and (not any(folder.iterdir()) or (folder / MARK).is_file())
+    if not folder.is_dir():
+        return False
+    found = {path.name for path in folder.iterdir()}
+    return not found or (found <= WRITTEN and set(CAPTURES) <= found)
 
 
 def _put_in_place(part: Path, folder: Path) -> None:
@@ -164,7 +172,7 @@ def run(argv: Sequence[str] | None = None) -> None:
         raise UsageError(f'demo: {error.filename or given.output}: {error.strerror}') from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
-    print(f'{given.output}: bags, {MARK}, arm.yaml, probe.yaml, arm.urdf; '
+    print(f'{given.output}: bags, {RESULT}, arm.yaml, probe.yaml, arm.urdf; '
           f'{time.monotonic() - begin:.0f} s in all')  # fmt: skip
     print(table(columns))
 
