@@ -45,7 +45,10 @@ def _free(done: Identification, parameter: Parameter, value: float, index: int) 
     if done.options.prior.strength > 0 and uncertainty > TOLD * before:
         reason = f'the poses tell it hardly better ({size}) than the prior did'
         return Account(parameter, value, uncertainty, False, reason)
-    return Account(parameter, value, uncertainty, True, f'told by the poses to {size}')
+    reason = f'told by the poses to {size}'
+    if done.options.prior.strength > 0 and uncertainty > 0:
+        reason += f', {before / uncertainty:.3g} times better than by the prior'
+    return Account(parameter, value, uncertainty, True, reason)
 
 
 def quantity(value: float, unit: str) -> str:
