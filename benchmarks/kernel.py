@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.measuring import Part, Row, Target, best_of, timed
 from benchmarks.problems import faro_measurement
-from calib_solver.freedom import identifiable_table
+from calib_model.freedom import identifiable_table
 from calib_solver.problem import Problem
 from calib_solver.sums import SphereSums, accumulate, accumulate_numpy
 

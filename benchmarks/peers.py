@@ -13,10 +13,10 @@ from scipy.optimize import OptimizeResult, least_squares
 from benchmarks.measuring import Part, Row, Target, best_of, timed
 from benchmarks.problems import faro_measurement
 from benchmarks.solving import solve
+from calib_model.freedom import identifiable_table
 from calib_model.kinematics import points
 from calib_model.parameters import ParameterTable
 from calib_model.rotation import Array
-from calib_solver.freedom import identifiable_table
 from calib_solver.prior import NO_PRIOR
 from calib_solver.problem import Problem
 from calib_solver.sums import point_jacobian

@@ -21,7 +21,7 @@ from benchmarks.measuring import Part, Row, Target, best_of, timed
 from benchmarks.problems import faro_measurement, reference_table
 from benchmarks.solving import solve
 from calib_model.errors import CalibrationError
-from calib_solver.freedom import identifiable_table
+from calib_model.freedom import identifiable_table
 from calib_solver.problem import Problem
 
 #: ours over the reference's: what must hold, and the goal

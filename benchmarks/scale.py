@@ -21,8 +21,8 @@ import numpy as np
 from benchmarks.measuring import Part, Row, Target
 from benchmarks.problems import faro, faro_measurement
 from benchmarks.solving import solve
+from calib_model.freedom import identifiable_table
 from calib_model.probing import Measurement, ProbingSet
-from calib_solver.freedom import identifiable_table
 from calib_solver.identification import Options, identify
 from calib_solver.prior import NO_PRIOR
 from calib_solver.problem import Problem

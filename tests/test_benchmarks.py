@@ -22,7 +22,7 @@ from benchmarks.peers import Residuals, by_scipy  # noqa: E402
 from benchmarks.reference import compare, write_problem  # noqa: E402
 from benchmarks.solving import solve  # noqa: E402
 
-from calib_solver.freedom import identifiable_table  # noqa: E402
+from calib_model.freedom import identifiable_table  # noqa: E402
 from calib_solver.problem import Problem  # noqa: E402
 
 POSES = 280

@@ -18,6 +18,18 @@ from calib_model.rotation import Array, RigidTransform, frozen
 PROBE_PARAMETERS = ('probe_x', 'probe_y', 'probe_z', 'probe_rx', 'probe_ry', 'probe_rz')
 LENGTHS = ('a', 'd')
 
+#: standard deviations by kind of parameter, m and rad: what a machined, assembled and mastered
+#: industrial arm keeps to; a probe's mount is known to a few centimetres and degrees at best
+DEFAULT_SIGMA: dict[str, float] = {
+    'a': 5e-4,
+    'alpha': 1e-3,
+    'd': 5e-4,
+    'theta_0': 2e-3,
+    'beta': 1e-3,
+    'probe_translation': 5e-2,
+    'probe_rotation': 2e-1,
+}
+
 
 @dataclass(frozen=True)
 class Parameter:

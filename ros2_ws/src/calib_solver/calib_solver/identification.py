@@ -10,11 +10,11 @@ import numpy as np
 
 from calib_model.arm import Arm
 from calib_model.errors import DataError, FitError, RankError
+from calib_model.freedom import identifiable_table
 from calib_model.parameters import ParameterTable
 from calib_model.probe import PassiveProbe, Probe
 from calib_model.probing import Measurement
 from calib_model.rotation import Array
-from calib_solver.freedom import identifiable_table
 from calib_solver.levenberg import ROUNDING, Fit, minimise
 from calib_solver.objectives import Objective, Quadratic, objective
 from calib_solver.observability import Observability, observe

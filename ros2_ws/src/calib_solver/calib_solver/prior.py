@@ -12,21 +12,8 @@ import numpy as np
 from calib_model.description import read_description
 from calib_model.errors import DescriptionError
 from calib_model.fields import load_mapping
-from calib_model.parameters import ParameterTable
+from calib_model.parameters import DEFAULT_SIGMA, ParameterTable
 from calib_model.rotation import Array
-
-#: standard deviations by kind of parameter, m and rad: what a machined, assembled and mastered
-#: industrial arm keeps to; a probe's mount is known to a few centimetres and degrees at best
-DEFAULT_SIGMA: dict[str, float] = {
-    'a': 5e-4,
-    'alpha': 1e-3,
-    'd': 5e-4,
-    'theta_0': 2e-3,
-    'beta': 1e-3,
-    'probe_translation': 5e-2,
-    'probe_rotation': 2e-1,
-}
-
 
 #: what a real arm's model leaves unsaid is alike in neighbouring postures, so this many poses
 #: tell as much as one with an error of its own would

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.kinematics import point_derivatives
+from calib_model.jacobian import probing_jacobian
 from calib_model.parameters import ParameterTable
-from calib_model.rotation import Array, left_jacobian, skew
+from calib_model.rotation import Array
 from calib_solver import compiled
 from calib_solver.problem import IntArray, Problem
 
@@ -118,17 +118,4 @@ def point_jacobian(
 ) -> tuple[Array, Array]:
     """Points (R, 3) of the rows and their Jacobian (R, 3, 5n + 6) by every column of the table."""
     arm, probe = table.apply(full, problem.measured.arm, problem.measured.probe)
-    mount = probe.flange_T_probe
-    centers = problem.centers[rows]
-    turned = centers @ mount.rotation.T
-    derivatives = point_derivatives(arm, problem.joints[rows], turned + mount.translation)
-    by_rotation = -skew(turned) @ left_jacobian(mount.rotation_vector)
-    jacobian = np.concatenate(
-        [
-            derivatives.geometry.reshape(len(rows), 3, -1),
-            derivatives.flange,
-            derivatives.flange @ by_rotation,
-        ],
-        axis=2,
-    )
-    return derivatives.p_base, jacobian
+    return probing_jacobian(arm, probe, problem.joints[rows], problem.centers[rows])

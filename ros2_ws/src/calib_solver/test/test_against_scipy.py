@@ -10,8 +10,8 @@ import pytest
 from scipy.optimize import least_squares
 from simulated_calibration import active, iiwa, kr5, passive, random_arm, simulate
 
+from calib_model.freedom import identifiable_table
 from calib_model.kinematics import points
-from calib_solver.freedom import identifiable_table
 from calib_solver.identification import Options, identify
 from calib_solver.prior import NO_PRIOR
 

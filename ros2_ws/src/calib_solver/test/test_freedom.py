@@ -18,9 +18,9 @@ from simulated_calibration import (
 )
 
 from calib_model.errors import DataError
+from calib_model.freedom import identifiable_table
 from calib_model.parameters import ParameterTable
 from calib_model.probe import PassiveProbe
-from calib_solver.freedom import identifiable_table
 from calib_solver.identification import Options, identify
 from calib_solver.problem import Problem
 from calib_solver.sums import point_jacobian

@@ -12,9 +12,9 @@ from scipy.optimize import least_squares
 from simulated_calibration import SPHERES, active, iiwa, kr5, passive, simulate
 
 from calib_model.errors import DataError
+from calib_model.freedom import identifiable_table
 from calib_model.gauge import Gauge
 from calib_model.rotation import RigidTransform
-from calib_solver.freedom import identifiable_table
 from calib_solver.objectives import OBJECTIVES, objective
 from calib_solver.problem import Problem
 from calib_solver.quality import assess, probed_points

@@ -8,7 +8,7 @@ import pytest
 from simulated_calibration import kr5, passive, simulate
 
 from calib_model.errors import DescriptionError
-from calib_solver.freedom import identifiable_table
+from calib_model.freedom import identifiable_table
 from calib_solver.identification import Options, identify
 from calib_solver.prior import (
     DEFAULT_PRIOR,
