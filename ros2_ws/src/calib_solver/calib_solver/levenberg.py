@@ -89,13 +89,16 @@ class Fit:
     history: tuple[float, ...] = field(default=())
 
 
-def minimise(evaluate: Evaluate, start: Array, scale: Array, information: Array) -> Fit:
+def minimise(
+    evaluate: Evaluate, start: Array, scale: Array, information: Array, least_noise: float = 0.0
+) -> Fit:
     """Minimise phi(x) + kappa x'diag(information)x from `start` (F,).
 
     `evaluate(x)` gives the objective at offsets x from the nominal values; `scale` (F,) is each
-    parameter's natural size (m, rad), in which steps are damped and judged.
+    parameter's natural size (m, rad), in which steps are damped and judged; `least_noise` (m^2) is
+    a residual's mean square as known from elsewhere, below which kappa does not go.
     """
-    state = _State(evaluate, scale, information, start)
+    state = _State(evaluate, scale, information, start, least_noise)
     if len(start) == 0:
         return state.fit(True, 'no free parameters')
     damping = LEAST_DAMPING
@@ -119,10 +122,13 @@ def minimise(evaluate: Evaluate, start: Array, scale: Array, information: Array)
 class _State:
     """The iterate with its cost; the prior's weight follows the objective."""
 
-    def __init__(self, evaluate: Evaluate, scale: Array, information: Array, start: Array) -> None:
+    def __init__(
+        self, evaluate: Evaluate, scale: Array, information: Array, start: Array, least: float
+    ) -> None:
         self.evaluate = evaluate
         self.scale = scale
         self.information = information
+        self.least_noise = least
         self.iterations = 0
         self.evaluations = 1
         self.x = start
@@ -136,11 +142,12 @@ class _State:
         """phi less what the data alone would still gain, per degree of freedom."""
         freedom = quadratic.terms - len(self.x)
         if freedom < 1:
-            return quadratic.phi / max(quadratic.terms, 1.0)
+            return max(quadratic.phi / max(quadratic.terms, 1.0), self.least_noise)
         zero = np.zeros(len(self.x))
         free = modes(quadratic, self.scale, zero, zero)
         within = free.along[free.seen] / free.values[free.seen]
-        return max(quadratic.phi - float(within @ within), 0.0) / freedom
+        left = max(quadratic.phi - float(within @ within), 0.0) / freedom
+        return max(left, self.least_noise)
 
     @property
     def cost(self) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 from calib_model.errors import DataError
 from calib_model.rotation import Array
 from calib_solver.placing import place_gauge
-from calib_solver.problem import Problem
+from calib_solver.problem import IntArray, Problem
 from calib_solver.sums import SphereSums
 
 
@@ -93,26 +93,47 @@ def position(problem: Problem, sums: SphereSums) -> Quadratic:
     The placements are eliminated: at the best one, what a rigid motion of the gauge could still
     take up is projected out of the Jacobian (variable projection).
     """
-    free = sums.gradient.shape[1]
     total = Quadratic(
         float(sums.spread.sum()), sums.gradient.sum(axis=0), sums.normal.sum(axis=0),
         float(3 * np.maximum(sums.count - 1, 0).sum()),
     )  # fmt: skip
-    gauge = problem.measured.gauge
     for rows in problem.placements:
-        certified = np.array([gauge.center(int(number)) for number in problem.keys[rows, 1]])
-        weight = np.sqrt(sums.count[rows])
-        placed = place_gauge(certified, sums.center[rows], sums.count[rows])
-        residual: Array = (weight[:, None] * (sums.center[rows] - placed.points)).reshape(-1)
-        slope: Array = (weight[:, None, None] * sums.jacobian[rows]).reshape(-1, free)
-        motion = (weight[:, None, None] * placed.motion).reshape(-1, 6)
-        u, values, _ = np.linalg.svd(motion, full_matrices=False)
-        basis = u[:, values > 1e-9 * max(values[0], 1e-300)]
-        residual = residual - basis @ (basis.T @ residual)
-        slope = slope - basis @ (basis.T @ slope)
-        terms = max(len(residual) - basis.shape[1], 0)
-        total += Quadratic(float(residual @ residual), slope.T @ residual, slope.T @ slope, terms)
+        fitted = fit_placement(problem, sums, rows)
+        residual, slope = fitted.residual, fitted.slope
+        total += Quadratic(
+            float(residual @ residual), slope.T @ residual, slope.T @ slope, fitted.terms
+        )
     return total
+
+
+@dataclass(frozen=True)
+class FittedPlacement:
+    """The certificate laid over k spheres: weighted `residual` (3k,) and `slope` (3k, F) less what
+    the placement takes up, the `rotation` (3, 3) it stands at, and the residuals left, `terms`."""
+
+    residual: Array
+    slope: Array
+    rotation: Array
+    terms: int
+
+
+def fit_placement(problem: Problem, sums: SphereSums, rows: IntArray) -> FittedPlacement:
+    """The best placement of the certificate on the spheres `rows` of one location."""
+    gauge = problem.measured.gauge
+    certified = np.array([gauge.center(int(number)) for number in problem.keys[rows, 1]])
+    weight = np.sqrt(sums.count[rows])
+    placed = place_gauge(certified, sums.center[rows], sums.count[rows])
+    residual: Array = (weight[:, None] * (sums.center[rows] - placed.points)).reshape(-1)
+    slope = (weight[:, None, None] * sums.jacobian[rows]).reshape(len(residual), -1)
+    motion = (weight[:, None, None] * placed.motion).reshape(-1, 6)
+    u, values, _ = np.linalg.svd(motion, full_matrices=False)
+    basis = u[:, values > 1e-9 * max(values[0], 1e-300)]
+    return FittedPlacement(
+        residual - basis @ (basis.T @ residual),
+        slope - basis @ (basis.T @ slope),
+        placed.rotation,
+        max(len(residual) - basis.shape[1], 0),
+    )
 
 
 Objective = Callable[[Problem, SphereSums], Quadratic]

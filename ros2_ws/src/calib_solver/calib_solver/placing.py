@@ -13,10 +13,12 @@ from calib_model.rotation import Array, nearest_rotation, skew
 @dataclass(frozen=True)
 class Placed:
     """The certificate's points (k, 3) as placed, m, and `motion` (k, 3, 6): how they move with a
-    small translation and a small rotation of the gauge about its measured centre."""
+    small translation and a small rotation of the gauge about its measured centre; `rotation` (3, 3)
+    is the gauge's."""
 
     points: Array
     motion: Array
+    rotation: Array
 
 
 def place_gauge(certified: Array, measured: Array, weight: Array) -> Placed:
@@ -28,8 +30,9 @@ def place_gauge(certified: Array, measured: Array, weight: Array) -> Placed:
     from_mean = certified - share @ certified
     center = share @ measured
     covariance = np.einsum('k,ki,kj->ij', weight, measured - center, from_mean)
-    points = from_mean @ nearest_rotation(covariance).T
+    rotation = nearest_rotation(covariance)
+    points = from_mean @ rotation.T
     motion = np.concatenate(
         [np.broadcast_to(np.eye(3), (len(points), 3, 3)), -skew(points)], axis=2
     )
-    return Placed(center + points, motion)
+    return Placed(center + points, motion, rotation)

@@ -12,9 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib_model.gauge import Gauge
 from calib_model.rotation import Array
-from calib_solver.objectives import Quadratic, distance_errors, repeatability_weights
-from calib_solver.problem import Problem
+from calib_solver.objectives import (
+    Quadratic,
+    distance_errors,
+    fit_placement,
+    repeatability_weights,
+)
+from calib_solver.problem import IntArray, Problem
 from calib_solver.sums import SphereSums
 
 
@@ -61,7 +67,7 @@ def estimate_uncertainty(
 
     `information` (F,) is strength / sigma^2 of the prior, `kappa` its weight in the cost.
     """
-    noise = pose_variance(sums, len(information))
+    noise = pose_variance(sums)
     parts = gradient_noise(problem, name, sums)
     misfit = misfit_factor(problem, name, sums, noise, parts)
     prior = kappa * information
@@ -69,40 +75,49 @@ def estimate_uncertainty(
     scatter = noise * misfit * parts.by_pose.sum(axis=0) + parts.by_certificate
     # the truth lies about nominal as the prior says: its pull is an error of that size
     pull = kappa**2 * information * strength
-    inverse = _inverse(hessian)
+    inverse, _ = _inverse(hessian)
     # by way of a square root of the scatter, so that rounding leaves no negative variance
     squares, axes = np.linalg.eigh(scatter + np.diag(pull))
     root = inverse @ (axes * np.sqrt(np.maximum(squares, 0.0)))
     return Uncertainty(root @ root.T, float(np.sqrt(noise)), misfit)
 
 
-def pose_variance(sums: SphereSums, free: int) -> float:
-    """Variance of one pose's coordinate about its sphere's mean, pooled over all spheres, m^2."""
+def pose_variance(sums: SphereSums) -> float:
+    """Variance of one pose's coordinate about its sphere's mean, pooled over all spheres, m^2.
+
+    What the parameters could still take up is no noise: eq. 13 does not look at the poses, and
+    leaves them scattering as far as its parameters are off.
+    """
+    spread = float(sums.spread.sum())
+    gradient, normal = sums.gradient.sum(axis=0), sums.normal.sum(axis=0)
+    inverse, rank = _inverse(normal)
+    left = spread - float(gradient @ inverse @ gradient)
     freedom = 3 * float(np.maximum(sums.count - 1, 0).sum())
-    return max(float(sums.spread.sum()), 0.0) / max(freedom - free, 1.0)
+    return max(left, 0.0) / max(freedom - rank, 1.0)
 
 
 def gradient_noise(problem: Problem, name: str, sums: SphereSums) -> GradientNoise:
     """The gradient's covariance for an objective, sphere by sphere."""
     spheres, free = sums.gradient.shape
     by_pose: Array = np.zeros((spheres, free, free))
-    by_certificate: Array = np.zeros((free, free))
+    leverage: Array = np.zeros((spheres, 3, free))
+    by_center: Array = np.zeros((3 * len(problem.measured.gauge.spheres), free))
     if name in ('distance_repeatability', 'position'):
         weight = repeatability_weights(sums) if name == 'distance_repeatability' else 1.0
         by_pose += np.reshape(weight**2 * np.ones(spheres), (-1, 1, 1)) * sums.normal
     if name in ('distance_repeatability', 'distance'):
-        _, slope = distance_errors(problem, sums)
-        leverage = _leverage(problem, sums, slope)
-        by_pose += np.einsum('skf,skg,s->sfg', leverage, leverage, 1 / np.maximum(sums.count, 1))
-        by_certificate = slope.T @ certificate_covariance(problem) @ slope
+        leverage, by_center = _distance_leverage(problem, sums)
     if name == 'position':
-        # the placements take up part of the means' scatter; leaving that in errs on the safe side
-        by_pose += np.einsum('s,skf,skg->sfg', sums.count, sums.jacobian, sums.jacobian)
-    return GradientNoise(by_pose, by_certificate)
+        leverage, by_center = _position_leverage(problem, sums)
+    by_pose += np.einsum('skf,skg,s->sfg', leverage, leverage, 1 / np.maximum(sums.count, 1))
+    certificate = certificate_covariance(problem.measured.gauge)
+    return GradientNoise(by_pose, by_center.T @ certificate @ by_center)
 
 
-def _leverage(problem: Problem, sums: SphereSums, slope: Array) -> Array:
-    """How the gradient's distance part moves with each sphere's mean, shape (S, 3, F)."""
+def _distance_leverage(problem: Problem, sums: SphereSums) -> tuple[Array, Array]:
+    """How the gradient's distance part moves with each sphere's mean, shape (S, 3, F), and with
+    the coordinates of the gauge's K spheres, shape (3K, F)."""
+    _, slope = distance_errors(problem, sums)
     first, second = problem.pairs.T
     between = sums.center[first] - sums.center[second]
     unit = between / np.maximum(np.linalg.norm(between, axis=1), 1e-300)[:, None]
@@ -110,25 +125,49 @@ def _leverage(problem: Problem, sums: SphereSums, slope: Array) -> Array:
     leverage = np.zeros((len(problem.keys), 3, slope.shape[1]))
     np.add.at(leverage, first, weighted)
     np.add.at(leverage, second, -weighted)
-    return leverage
+    certified, place = _certified(problem)
+    apart = certified[place[first]] - certified[place[second]]
+    unit = apart / np.maximum(np.linalg.norm(apart, axis=1), 1e-300)[:, None]
+    weighted = unit[:, :, None] * slope[:, None, :]
+    by_center = np.zeros((len(certified), 3, slope.shape[1]))
+    np.add.at(by_center, place[first], -weighted)
+    np.add.at(by_center, place[second], weighted)
+    return leverage, by_center.reshape(-1, slope.shape[1])
 
 
-def certificate_covariance(problem: Problem) -> Array:
-    """Covariance (M, M) of the certified distances, m^2.
+def _position_leverage(problem: Problem, sums: SphereSums) -> tuple[Array, Array]:
+    """The same for eq. 10, whose placements take up part of what the means and the gauge do."""
+    free = sums.gradient.shape[1]
+    certified, place = _certified(problem)
+    leverage = np.zeros((len(problem.keys), 3, free))
+    by_center = np.zeros((len(certified), 3, free))
+    for rows in problem.placements:
+        fitted = fit_placement(problem, sums, rows)
+        root = np.sqrt(sums.count[rows])
+        own = root[:, None, None] * fitted.slope.reshape(len(rows), 3, free)
+        leverage[rows] = own
+        np.add.at(by_center, place[rows], -np.einsum('ki,skf->sif', fitted.rotation, own))
+    return leverage, by_center.reshape(-1, free)
 
-    The certificate's expanded uncertainty is taken at k = 2. Its constant part belongs to the
-    spheres, so every distance to a sphere shares it, at whatever location; its proportional part
-    is one scale for the whole gauge.
-    """
+
+def _certified(problem: Problem) -> tuple[Array, IntArray]:
+    """The certificate's centres (K, 3), m, and which of them each probed sphere is (S,)."""
     gauge = problem.measured.gauge
-    numbers = problem.keys[:, 1]
-    ends = np.zeros((len(problem.pairs), int(numbers.max(initial=0)) + 1))
-    rows = np.arange(len(problem.pairs))
-    ends[rows, numbers[problem.pairs[:, 0]]] = 1.0
-    ends[rows, numbers[problem.pairs[:, 1]]] = -1.0
-    constant = (gauge.constant / 2) ** 2 / 2 * (ends @ ends.T)
-    scale = (gauge.proportional / 2) ** 2 * np.outer(problem.nominal, problem.nominal)
-    covariance: Array = constant + scale
+    places = [gauge.numbers.index(int(number)) for number in problem.keys[:, 1]]
+    return np.array([center for _, center in gauge.spheres]), np.array(places, dtype=np.int64)
+
+
+def certificate_covariance(gauge: Gauge) -> Array:
+    """Covariance (3K, 3K) of the coordinates of the gauge's spheres, m^2.
+
+    The certificate's expanded uncertainty of a distance is taken at k = 2. Its constant part is
+    shared between the two spheres, each off by itself but the same at whatever location; its
+    proportional part is one scale for the whole gauge.
+    """
+    certified = np.array([center for _, center in gauge.spheres])
+    along = (certified - certified.mean(axis=0)).reshape(-1)
+    constant = (gauge.constant / 2) ** 2 / 2 * np.eye(len(along))
+    covariance: Array = constant + (gauge.proportional / 2) ** 2 * np.outer(along, along)
     return covariance
 
 
@@ -174,11 +213,12 @@ def _gradient_shares(problem: Problem, name: str, sums: SphereSums) -> Array:
     return shares
 
 
-def _inverse(hessian: Array) -> Array:
-    """The inverse in the directions that stand out from rounding, zero in the others."""
+def _inverse(hessian: Array) -> tuple[Array, int]:
+    """The inverse in the directions that stand out from rounding, zero in the others, and how
+    many stand out."""
     scale = 1 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
     values, vectors = np.linalg.eigh(scale[:, None] * hessian * scale)
     kept = values > 1e-14 * values.max(initial=1e-300)
     inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
     result: Array = scale[:, None] * inverse * scale
-    return result
+    return result, int(kept.sum())
