@@ -20,13 +20,18 @@ from calib_solver.diagnostics import diagnostics_record
 from calib_solver.identification import Identification
 from calib_solver.probe_fit import ProbeFit
 from calib_solver.quality import COORDINATES, ProbedSpheres, Quality
+from calib_solver.resampling import Resampled
+from calib_solver.resampling_record import resampling_record
 
 SCHEMA = 1
 Record = dict[str, Any]
 
 
-def result_record(done: Identification, test: Quality | None = None) -> Record:
-    """The content of `result.json`; `test` is the quality on a held-out bag."""
+def result_record(
+    done: Identification, test: Quality | None = None, resampled: Resampled | None = None
+) -> Record:
+    """The content of `result.json`; `test` is the quality on a held-out bag, `resampled` what
+    repetitions say of the uncertainties."""
     return {
         'schema': SCHEMA,
         'arm': done.arm.name,
@@ -52,6 +57,7 @@ def result_record(done: Identification, test: Quality | None = None) -> Record:
         'warnings': list(done.warnings),
         'rejected': [vars(one) for one in done.rejected],
         'diagnostics': diagnostics_record(done),
+        'resampling': resampling_record(done, resampled) if resampled is not None else None,
     }
 
 
@@ -161,8 +167,12 @@ def _numbers(values: Array) -> list[float | None]:
     return [float(value) if math.isfinite(value) else None for value in values]
 
 
-def write_results(folder: str | Path, done: Identification, record: Record) -> list[Path]:
-    """Write `result.json`, `arm.yaml`, `probe.yaml` and `arm.urdf`, each whole or not at all.
+def write_results(
+    folder: str | Path, done: Identification, record: Record, report: str
+) -> list[Path]:
+    """Write `result.json`, `arm.yaml`, `probe.yaml`, `arm.urdf` and `report.html`.
+
+    Each is written whole or not at all; `report` is the page's text.
 
     Raises:
         CalibrationError: the folder or a file in it cannot be written.
@@ -172,6 +182,7 @@ def write_results(folder: str | Path, done: Identification, record: Record) -> l
         'arm.yaml': arm_yaml(done.arm),
         'probe.yaml': probe_yaml(done.probe),
         'arm.urdf': arm_urdf(done.arm),
+        'report.html': report,
         'result.json': json.dumps(record, indent=1, allow_nan=False) + '\n',
     }
     try:

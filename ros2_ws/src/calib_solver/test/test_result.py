@@ -207,13 +207,13 @@ def test_a_file_in_the_folders_place_stays_and_is_named(passive_scene, tmp_path)
     place = tmp_path / 'taken'
     place.write_text('mine')
     with pytest.raises(CalibrationError, match=f'^{place}: results cannot be written: '):
-        write_results(place, done, result_record(done))
+        write_results(place, done, result_record(done), '<html>')
     assert place.read_text() == 'mine'
     with pytest.raises(CalibrationError, match='Not a directory'):
-        write_results(place / 'below', done, result_record(done))
+        write_results(place / 'below', done, result_record(done), '<html>')
 
 
-@pytest.mark.parametrize('failing', range(4))
+@pytest.mark.parametrize('failing', range(5))
 def test_a_disk_that_fills_up_leaves_each_file_as_it_was_or_whole(
     passive_scene, tmp_path, monkeypatch, failing
 ):
@@ -230,12 +230,12 @@ def test_a_disk_that_fills_up_leaves_each_file_as_it_was_or_whole(
 
     monkeypatch.setattr(os, 'fsync', fsync)
     with pytest.raises(CalibrationError, match='No space left on device'):
-        write_results(tmp_path, done, record)
+        write_results(tmp_path, done, record, '<html>')
     monkeypatch.undo()
     assert {path.name for path in tmp_path.iterdir()} == set(FILES)
     texts = [(tmp_path / name).read_text() for name in FILES]
-    assert texts.count('before') == 4 - failing
-    write_results(tmp_path / 'whole', done, record)
+    assert texts.count('before') == 5 - failing
+    write_results(tmp_path / 'whole', done, record, '<html>')
     for name, text in zip(FILES, texts, strict=True):
         assert text in ('before', (tmp_path / 'whole' / name).read_text())
 
