@@ -26,7 +26,7 @@ from calib_solver.result import result_record, write_results
 from calib_solver.summary import summary
 
 pytestmark = pytest.mark.timeout(60)
-FILES = ('result.json', 'arm.yaml', 'probe.yaml', 'arm.urdf')
+FILES = ('result.json', 'arm.yaml', 'probe.yaml', 'arm.urdf', 'report.html')
 
 
 def take(measured, which):
