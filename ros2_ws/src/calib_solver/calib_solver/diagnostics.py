@@ -23,11 +23,22 @@ def diagnostics_record(done: Identification) -> dict[str, Any]:
         'condition': finite(done.observability.condition),
         'noise': done.uncertainty.noise,
         'misfit': done.uncertainty.misfit,
+        'prior': prior_record(done),
         'position_uncertainty_rms': float(np.sqrt(np.mean(sure**2))),
         'position_uncertainty_max': float(sure.max()),
         'by_location': by_location(done, deviation),
         'by_joint': by_joint(done, deviation),
     }
+
+
+def prior_record(done: Identification) -> dict[str, Any]:
+    """The strength used and, where cross-validation chose it, what it tried."""
+    chosen = done.cross_validation
+    found = None
+    if chosen is not None:
+        tried = [vars(one) for one in chosen.tried]
+        found = {'left_out': chosen.left_out, 'folds': chosen.folds, 'tried': tried}
+    return {'strength': done.options.prior.strength, 'cross_validation': found}
 
 
 def finite(value: float) -> float | None:

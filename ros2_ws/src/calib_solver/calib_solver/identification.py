@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from calib_model.parameters import ParameterTable
 from calib_model.probe import PassiveProbe, Probe
 from calib_model.probing import Measurement
 from calib_model.rotation import Array
+from calib_solver.cross_validation import CrossValidation, choose_strength
 from calib_solver.levenberg import ROUNDING, Fit, minimise
 from calib_solver.objectives import Objective, Quadratic, objective
 from calib_solver.observability import Observability, observe
@@ -24,9 +26,13 @@ from calib_solver.problem import Problem
 from calib_solver.quality import Quality, assess
 from calib_solver.rejection import Rejected, clean
 from calib_solver.sums import SphereSums, accumulate
-from calib_solver.uncertainty import Uncertainty, estimate_uncertainty
+from calib_solver.uncertainty import Uncertainty, estimate_uncertainty, pose_variance
 
 LOSSES = ('rejecting', 'plain')
+LEADING = 'distance_repeatability'
+
+#: one pass over the poses, as `sums.accumulate` does it here, or others on other machines
+Accumulate = Callable[[Problem, ParameterTable, Array], SphereSums]
 
 
 @dataclass(frozen=True)
@@ -45,7 +51,8 @@ class Options:
 class Identification:
     """A solved calibration: parameters before and after, their fit, and the quality of both.
 
-    `problem` holds the poses that were used; `full` are all columns of `table`.
+    `problem` holds the poses that were used; `full` are all columns of `table`; `least_noise`
+    (m^2) is what a residual's mean square was held to be at least.
     """
 
     problem: Problem
@@ -63,10 +70,17 @@ class Identification:
     rejected: tuple[Rejected, ...]
     seconds: float
     warnings: tuple[str, ...]
+    cross_validation: CrossValidation | None = None
+    least_noise: float = 0.0
 
 
-def identify(measured: Measurement, options: Options | None = None) -> Identification:
+def identify(
+    measured: Measurement, options: Options | None = None, passes: Accumulate = accumulate
+) -> Identification:
     """Eq. 11 (or the chosen objective) minimised from the nominal parameters.
+
+    `passes` adds up the sums per sphere; `options.prior` of the result has the strength that
+    cross-validation chose where it was asked to.
 
     Raises:
         DataError: the poses do not fit the descriptions, or there are not enough of them.
@@ -79,44 +93,62 @@ def identify(measured: Measurement, options: Options | None = None) -> Identific
         raise DataError(f'no loss {options.loss!r}: expected one of {", ".join(LOSSES)}')
     problem = Problem.of(measured)
     table = identifiable_table(measured.arm, measured.probe, options.fix, options.free)
-    solver = _Solver(table, options)
+    solver = _Solver(table, options, passes)
     solver.refuse_too_little(problem)
     probe_fit, warnings = _try_probe_fit(problem)
-    solver.start_from(problem, probe_fit)
+    # eq. 11 looks at distances and poses alike: it judges the poses and leads the others there
+    alone = options.objective == LEADING
+    leader = solver if alone else _Solver(table, replace(options, objective=LEADING), passes)
+    leader.start_from(problem, probe_fit)
     rejected: tuple[Rejected, ...] = ()
     if options.loss == 'rejecting':
-        cleaned = clean(problem, solver.arm_and_probe)
+        cleaned = clean(problem, leader.arm_and_probe)
         problem, rejected = cleaned.problem, cleaned.rejected
         warnings += cleaned.warnings
         solver.refuse_too_little(problem)
+    if not alone:
+        solver.follow(leader, problem)
+    chosen = solver.choose_prior(problem)
+    options = solver.options
     fit = solver.account(problem, solver.solve(problem))
     solver.refuse_worse(problem, fit)
     full = solver.full(fit.x)
     arm, probe = table.apply(full, measured.arm, measured.probe)
-    sums = accumulate(problem, table, full)
+    sums = passes(problem, table, full)
+    observability = observe(table, fit, solver.scale)
     uncertainty = estimate_uncertainty(
         problem, options.objective, sums, fit.quadratic, fit.kappa,
         solver.information, options.prior.strength,
     )  # fmt: skip
     return Identification(
-        problem, options, table, full, arm, probe, fit,
-        observe(table, fit, solver.scale), uncertainty, probe_fit,
+        problem, options, table, full, arm, probe, _with_weakest(fit, observability),
+        observability, uncertainty, probe_fit,
         assess(problem, measured.arm, measured.probe), assess(problem, arm, probe),
-        rejected, time.perf_counter() - begun, tuple(warnings),
+        rejected, time.perf_counter() - begun, tuple(warnings), chosen,
+        solver.least_noise,
     )  # fmt: skip
+
+
+def _with_weakest(fit: Fit, observability: Observability) -> Fit:
+    """A fit that did not converge names who is in the directions that are told worst."""
+    if fit.converged or not observability.weakest:
+        return fit
+    return replace(fit, reason=f'{fit.reason}; told worst: {"; ".join(observability.weakest)}')
 
 
 class _Solver:
     """One table, prior and objective, for as many problems as it takes."""
 
-    def __init__(self, table: ParameterTable, options: Options) -> None:
+    def __init__(self, table: ParameterTable, options: Options, passes: Accumulate) -> None:
         self.table = table
+        self.passes = passes
         self.options = options
         self.objective: Objective = objective(options.objective)
         self.nominal = table.nominal[table.free_columns]
         self.scale = options.prior.sigmas(table)
         self.information = options.prior.information(table)
         self.start: Array = np.zeros(len(self.nominal))
+        self.least_noise = 0.0
         self.iterations = 0
         self.evaluations = 0
 
@@ -126,7 +158,7 @@ class _Solver:
 
     def sums(self, problem: Problem, x: Array) -> SphereSums:
         """The sums at offsets x."""
-        return accumulate(problem, self.table, self.full(x))
+        return self.passes(problem, self.table, self.full(x))
 
     def value(self, problem: Problem, x: Array) -> Quadratic:
         """The objective at offsets x."""
@@ -134,11 +166,27 @@ class _Solver:
 
     def solve(self, problem: Problem) -> Fit:
         """The minimum, started from where the last one was found."""
-        fit = minimise(lambda x: self.value(problem, x), self.start, self.scale, self.information)
+        fit = minimise(
+            lambda x: self.value(problem, x),
+            self.start, self.scale, self.information, self.least_noise,
+        )  # fmt: skip
         self.start = fit.x
         self.iterations += fit.iterations
         self.evaluations += fit.evaluations
         return fit
+
+    def follow(self, leader: _Solver, problem: Problem) -> None:
+        """Start from another objective's minimum; eq. 13 takes the poses' noise from there.
+
+        Distances alone are often fewer than the parameters: fitted to nothing, they would say
+        that there is no noise, and the prior would lose all its weight.
+        """
+        self.start = leader.solve(problem).x
+        self.iterations, self.evaluations = leader.iterations, leader.evaluations
+        if self.options.objective == 'distance' and len(problem.pairs):
+            sums = self.sums(problem, self.start)
+            each = (1 / np.maximum(sums.count, 1))[problem.pairs].sum(axis=1)
+            self.least_noise = pose_variance(sums) * float(each.mean())
 
     def account(self, problem: Problem, fit: Fit) -> Fit:
         """The last fit with the work of all of them, from the nominal parameters on."""
@@ -149,6 +197,18 @@ class _Solver:
             iterations=self.iterations,
             evaluations=self.evaluations,
         )
+
+    def choose_prior(self, problem: Problem) -> CrossValidation | None:
+        """Settle the prior's strength where that is left to cross-validation."""
+        prior, name = self.options.prior, self.options.objective
+        if not prior.candidates:
+            return None
+        start = self.solve(problem).x
+        chosen = choose_strength(problem, self.table, name, prior, start, self.least_noise)
+        prior = replace(prior, strength=chosen.chosen, candidates=())
+        self.options = replace(self.options, prior=prior)
+        self.information = prior.information(self.table)
+        return chosen
 
     def arm_and_probe(self, problem: Problem) -> tuple[Arm, Probe]:
         """The best arm and probe for a problem."""

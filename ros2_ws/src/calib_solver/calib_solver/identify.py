@@ -7,10 +7,12 @@ import sys
 from collections.abc import Sequence
 
 from calib_model.command import CommandParser, run_command
+from calib_model.progress import Progress
 from calib_solver.identification import Options
-from calib_solver.loading import Calibration, Sources, calibrate
+from calib_solver.loading import Calibration, Effort, Sources, calibrate
 from calib_solver.objectives import OBJECTIVES
 from calib_solver.prior import chosen_prior
+from calib_solver.resampling import Plan
 from calib_solver.summary import summary
 
 ABOUT = """\
@@ -77,13 +79,41 @@ def arguments() -> CommandParser:
         '--prior',
         default='',
         metavar='CHOICE',
-        help='none, a strength (default 10), or a YAML file of standard deviations',
+        help='none, a strength (default 10), auto (cross-validation over locations chooses it), '
+        'or a YAML file of standard deviations',
     )
     parser.add_argument(
         '--loss',
         default='rejecting',
         metavar='NAME',
         help='rejecting (default): gross errors are left out and listed; plain: every pose counts',
+    )
+    parser.add_argument(
+        '--monte-carlo',
+        type=int,
+        default=0,
+        metavar='N',
+        help='check the uncertainties by N identifications with drawn errors',
+    )
+    parser.add_argument(
+        '--bootstrap',
+        type=int,
+        default=0,
+        metavar='N',
+        help='check the uncertainties by N identifications on drawn gauge locations',
+    )
+    parser.add_argument(
+        '--seed',
+        type=int,
+        default=0,
+        metavar='K',
+        help='of what is drawn (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--scheduler',
+        default='',
+        metavar='ADDRESS',
+        help="spread the work over this Dask scheduler's workers, as in tcp://192.168.0.7:8786",
     )
     return parser
 
@@ -104,7 +134,9 @@ def run(argv: Sequence[str] | None = None) -> Calibration:
     )
     sources = Sources(tuple(given.bag), given.arm, given.probe, given.gauge)
     test = [bag for group in given.test for bag in group]
-    return calibrate(sources, options, test, given.output)
+    plan = Plan(given.monte_carlo, given.bootstrap, given.seed)
+    effort = Effort(plan, given.scheduler, Progress(sys.stderr, 'repetitions'))
+    return calibrate(sources, options, test, given.output, effort)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

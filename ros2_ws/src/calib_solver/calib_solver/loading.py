@@ -14,9 +14,15 @@ from calib_model.bag import read_measurement
 from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.errors import DataError
 from calib_model.probing import Measurement, ProbingSet
+from calib_model.progress import Progress
+from calib_solver.cluster import connected
+from calib_solver.compiled import threads
 from calib_solver.identification import Identification, Options, identify
+from calib_solver.parallel import Spread, in_processes
 from calib_solver.problem import Problem
 from calib_solver.quality import Quality, assess
+from calib_solver.report import report_html
+from calib_solver.resampling import Plan, Resampled, resample
 from calib_solver.result import Record, result_record, write_results
 
 
@@ -100,8 +106,25 @@ class Calibration:
         return f'{outcome} after {fit.iterations} iterations: {fit.reason}'
 
 
+@dataclass(frozen=True)
+class Effort:
+    """Work beyond a single identification, and where it is done.
+
+    `scheduler` is the address of a Dask scheduler; '' is this machine alone. `progress` is told
+    how far the repetitions are.
+    """
+
+    plan: Plan = Plan()
+    scheduler: str = ''
+    progress: Progress | None = None
+
+
 def calibrate(
-    sources: Sources, options: Options, test: Sequence[str] = (), output: str = ''
+    sources: Sources,
+    options: Options,
+    test: Sequence[str] = (),
+    output: str = '',
+    effort: Effort | None = None,
 ) -> Calibration:
     """Identify from bags, judge on held-out ones, write the results: command and service alike.
 
@@ -111,13 +134,35 @@ def calibrate(
     held_out = (
         load(Sources(tuple(test), sources.arm, sources.probe, sources.gauge)) if test else None
     )
-    done = identify(load(sources), options)
+    done, resampled = _identified(load(sources), options, effort or Effort())
     before = after = None
     if held_out is not None:
         problem = Problem.of(held_out)
         measured = done.problem.measured
         before = assess(problem, measured.arm, measured.probe)
         after = assess(problem, done.arm, done.probe)
-    record = result_record(done, after)
-    written = write_results(output, done, record) if output else []
+    record = result_record(done, after, resampled)
+    written: list[Path] = []
+    if output:
+        report = report_html(done, record, sources.bags, test, before, after)
+        written = write_results(output, done, record, report)
     return Calibration(done, before, after, record, tuple(written))
+
+
+def _identified(
+    measured: Measurement, options: Options, effort: Effort
+) -> tuple[Identification, Resampled | None]:
+    """The identification and its repetitions, on this machine or on a cluster."""
+    plan, progress = effort.plan, effort.progress
+    if not effort.scheduler:
+        done = identify(measured, options)
+        return done, _resampled(done, plan, in_processes(threads()), progress)
+    with connected(effort.scheduler) as cluster:
+        done = identify(measured, options, cluster.passes())
+        return done, _resampled(done, plan, cluster.spread, progress)
+
+
+def _resampled(
+    done: Identification, plan: Plan, spread: Spread, progress: Progress | None
+) -> Resampled | None:
+    return resample(done, plan, spread, progress) if plan != Plan(seed=plan.seed) else None

@@ -13,16 +13,23 @@ from calib_solver.levenberg import Fit, modes
 
 #: a parameter is in an unseen direction when this part of it lies there
 SHARE = 0.1
+#: directions that the poses tell this many times worse than the best one are weak
+WEAK = 1e6
+#: more weak directions, and more parameters in one, than this are not named
+MOST_WEAKEST = 3
+MOST_MEMBERS = 4
 
 
 @dataclass(frozen=True)
 class Observability:
     """`rank` of the data among F free parameters, `condition` of the scaled J without the prior,
-    and for each parameter that lies in an unseen direction the `reason` (F,), else ''."""
+    and for each parameter that lies in an unseen direction the `reason` (F,), else ''. `weakest`
+    says who is in the directions that are told worst, the worst first."""
 
     rank: int
     condition: float
     reason: tuple[str, ...]
+    weakest: tuple[str, ...] = ()
 
 
 def observe(table: ParameterTable, fit: Fit, scale: Array) -> Observability:
@@ -43,7 +50,18 @@ def observe(table: ParameterTable, fit: Fit, scale: Array) -> Observability:
     )
     smallest = float(found.values[-1])
     condition = float(found.values[0]) / smallest if smallest > 0 else float('inf')
-    return Observability(int(found.seen.sum()), condition, reasons)
+    weakest = tuple(
+        ' with '.join(_members(names, found.vectors[:, -1 - i]))
+        for i in range(min(MOST_WEAKEST, len(names)))
+        if found.values[-1 - i] * WEAK < found.values[0]
+    )
+    return Observability(int(found.seen.sum()), condition, reasons, weakest)
+
+
+def _members(names: list[str], direction: Array) -> list[str]:
+    """Who makes up most of a direction, largest part first."""
+    order = np.argsort(-np.abs(direction))[:MOST_MEMBERS]
+    return [names[i] for i in order if abs(direction[i]) > SHARE]
 
 
 def _reason(names: list[str], unseen: Array, index: int) -> str:

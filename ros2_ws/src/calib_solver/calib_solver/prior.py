@@ -19,16 +19,21 @@ from calib_model.rotation import Array
 #: tell as much as one with an error of its own would
 DEFAULT_STRENGTH = 10.0
 
+#: what `auto` lets cross-validation choose from
+CANDIDATES = (0.1, 1.0, 10.0, 100.0, 1000.0)
+
 
 @dataclass(frozen=True)
 class Prior:
     """Standard deviations by kind of parameter (m or rad).
 
     `strength` multiplies the prior's weight against the residuals' mean square; 0 is no prior.
+    Where there are `candidates`, cross-validation chooses the strength among them.
     """
 
     sigma: Mapping[str, float]
     strength: float = DEFAULT_STRENGTH
+    candidates: tuple[float, ...] = ()
 
     def sigmas(self, table: ParameterTable) -> Array:
         """The standard deviation of every free parameter, shape (F,)."""
@@ -47,7 +52,7 @@ NO_PRIOR = Prior(DEFAULT_SIGMA, 0.0)
 def parse_prior(text: str, source: str = 'prior') -> Prior:
     """A prior from YAML text: `sigma: {a: 0.001, alpha: 0.002, ...}`, `strength: 10.0`.
 
-    Kinds that are left out keep their default.
+    Kinds that are left out keep their default; with `strength: auto` cross-validation chooses.
 
     Raises:
         DescriptionError: an unknown kind, or a value that is no positive number.
@@ -63,6 +68,8 @@ def parse_prior(text: str, source: str = 'prior') -> Prior:
             sigma[kind] = given.number(kind)
             if not sigma[kind] > 0:
                 raise given.refuse(kind, 'expected a standard deviation above zero')
+    if top.content.get('strength') == 'auto':
+        return Prior(sigma, candidates=CANDIDATES)
     strength = top.number('strength', DEFAULT_STRENGTH)
     if strength < 0:
         raise top.refuse('strength', 'expected zero or more')
@@ -70,7 +77,7 @@ def parse_prior(text: str, source: str = 'prior') -> Prior:
 
 
 def chosen_prior(choice: str) -> Prior:
-    """The prior of a command's option: '' or 'default', 'none', a strength, or a file.
+    """The prior of a command's option: '' or 'default', 'none', 'auto', a strength or a file.
 
     Raises:
         DescriptionError: a file that cannot be read or used.
@@ -79,6 +86,8 @@ def chosen_prior(choice: str) -> Prior:
         return DEFAULT_PRIOR
     if choice == 'none':
         return NO_PRIOR
+    if choice == 'auto':
+        return Prior(DEFAULT_SIGMA, candidates=CANDIDATES)
     try:
         strength = float(choice)
     except ValueError:

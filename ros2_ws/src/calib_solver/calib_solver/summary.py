@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from calib_solver.loading import Calibration
 from calib_solver.quality import Quality
-from calib_solver.result import quality_record
+from calib_solver.resampling_record import resampling_lines
+from calib_solver.result import Record, quality_record
 
 ROWS = (
     ('distance error, mean', 'distance', 'mean'),
@@ -39,9 +40,24 @@ def summary(calibration: Calibration) -> str:
         lines.append('not told by these poses, kept near nominal: ' + ', '.join(unseen))
     sure = calibration.record['diagnostics']['position_uncertainty_rms']
     lines.append(f'standard uncertainty of a position over the workspace: {sure * 1e3:.4f} mm rms')
+    if calibration.record['resampling'] is not None:
+        lines += resampling_lines(calibration.record['resampling'])
+    lines += prior_lines(calibration.record['diagnostics']['prior'])
     lines.append(calibration.verdict)
     lines += [f'wrote {path}' for path in calibration.written]
     return '\n'.join(lines)
+
+
+def prior_lines(record: Record) -> list[str]:
+    """What cross-validation chose of what, where it was asked to."""
+    found = record['cross_validation']
+    if found is None:
+        return []
+    tried = ', '.join(f'{one["strength"]:g}: {one["score"] * 1e3:.4f}' for one in found['tried'])
+    return [
+        f'prior of strength {record["strength"]:g}, chosen by leaving out {found["left_out"]} '
+        f'({found["folds"]} parts; rms left out, mm, by strength: {tried})'
+    ]
 
 
 def table(columns: dict[str, Quality]) -> list[str]:

@@ -25,10 +25,13 @@ class WorkspaceUncertainty:
     position: Array
 
 
-def position_uncertainty(done: Identification, joints: Array) -> Array:
+def position_uncertainty(
+    done: Identification, joints: Array, covariance: Array | None = None
+) -> Array:
     """Covariance (K, 3, 3) of the probed point at postures `joints` (K, n), m^2.
 
-    The base frame is where d1 and theta_0_1 are held, so it carries no uncertainty of its own.
+    `covariance` (F, F) of the free parameters is the stated one where none is given. The base
+    frame is where d1 and theta_0_1 are held, so it carries no uncertainty of its own.
     """
     count = len(joints)
     measured = done.problem.measured
@@ -38,17 +41,19 @@ def position_uncertainty(done: Identification, joints: Array) -> Array:
     problem = Problem.of(type(measured)(measured.arm, measured.probe, measured.gauge, poses))
     _, jacobian = point_jacobian(problem, done.table, done.full, np.arange(count))
     jacobian = jacobian[:, :, done.table.free_columns]
-    covariance: Array = np.einsum(
-        'nkf,fg,nlg->nkl', jacobian, done.uncertainty.covariance, jacobian
-    )
-    return covariance
+    if covariance is None:
+        covariance = done.uncertainty.covariance
+    of_points: Array = np.einsum('nkf,fg,nlg->nkl', jacobian, covariance, jacobian)
+    return of_points
 
 
-def over_workspace(done: Identification, seed: int = 0) -> WorkspaceUncertainty:
+def over_workspace(
+    done: Identification, covariance: Array | None = None, seed: int = 0
+) -> WorkspaceUncertainty:
     """At postures drawn evenly between the joint limits, half a turn either way where none are."""
     limits = np.clip(done.arm.limits, -np.pi, np.pi)
     generator = np.random.default_rng(seed)
     joints = generator.uniform(limits[:, 0], limits[:, 1], (POSTURES, done.arm.n))
-    covariance = position_uncertainty(done, joints)
-    variance = np.trace(covariance, axis1=1, axis2=2)
+    of_points = position_uncertainty(done, joints, covariance)
+    variance = np.trace(of_points, axis1=1, axis2=2)
     return WorkspaceUncertainty(joints, np.sqrt(np.maximum(variance, 0.0)))

@@ -16,7 +16,7 @@ PARAMETER = {
     'name', 'unit', 'initial', 'identified', 'standard_uncertainty', 'free', 'identifiable',
 }  # fmt: skip
 #: keys beyond the contract's first list: whoever adds one says so here
-ADDED_TOP = {'warnings', 'rejected', 'diagnostics'}
+ADDED_TOP = {'warnings', 'rejected', 'diagnostics', 'resampling'}
 ADDED_PARAMETER = {'reason'}
 SOLVER = {
     'iterations', 'evaluations', 'phi_initial', 'phi_final', 'seconds', 'converged', 'reason',

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is reported of repetitions: each method's uncertainties beside the stated ones."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from calib_model.rotation import Array
+from calib_solver.account import accounts
+from calib_solver.identification import Identification
+from calib_solver.resampling import Repeated, Resampled
+from calib_solver.workspace import over_workspace
+
+Record = dict[str, Any]
+METHODS = ('monte_carlo', 'bootstrap')
+
+
+def resampling_record(done: Identification, resampled: Resampled) -> Record:
+    """What `result.json` says under `resampling`, SI; null for a method that was not asked for.
+
+    Only free parameters are listed; `analytic` is null where the parameter's own
+    `standard_uncertainty` is.
+    """
+    found = {method: getattr(resampled, method) for method in METHODS}
+    free = [account for account in accounts(done) if account.parameter.free]
+    parameters = []
+    for i, account in enumerate(free):
+        sizes = {method: _size(repeated, i) for method, repeated in found.items()}
+        parameters.append({
+            'name': account.parameter.name,
+            'unit': account.parameter.unit,
+            'analytic': account.standard_uncertainty,
+            **sizes,
+        })  # fmt: skip
+    return {
+        'seed': resampled.plan.seed,
+        **{method: _method_record(done, repeated) for method, repeated in found.items()},
+        'parameters': parameters,
+    }
+
+
+def _size(repeated: Repeated | None, index: int) -> float | None:
+    return None if repeated is None else float(repeated.standard[index])
+
+
+def _method_record(done: Identification, repeated: Repeated | None) -> Record | None:
+    if repeated is None:
+        return None
+    return {
+        'repetitions': len(repeated.deviation),
+        'converged': repeated.converged,
+        'seconds': repeated.seconds,
+        'position_uncertainty_rms': _rms(over_workspace(done, repeated.covariance).position),
+        'ratio_to_analytic': _ratio(done, repeated),
+    }
+
+
+def _ratio(done: Identification, repeated: Repeated) -> float | None:
+    """The median over the identifiable parameters of the method's uncertainty to the stated."""
+    stated = [
+        account.standard_uncertainty if account.identifiable else None
+        for account in accounts(done)
+        if account.parameter.free
+    ]
+    ratios = [
+        size / said for size, said in zip(repeated.standard, stated, strict=True) if said
+    ]  # fmt: skip
+    return float(np.median(ratios)) if ratios else None
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def resampling_lines(record: Record) -> list[str]:
+    """A line for each method that was asked for, and what it says against the stated ones."""
+    lines = []
+    for method, name in zip(METHODS, ('Monte Carlo', 'bootstrap over locations'), strict=True):
+        found = record[method]
+        if found is None:
+            continue
+        line = (
+            f'{name}, {found["repetitions"]} repetitions: '
+            f'{found["position_uncertainty_rms"] * 1e3:.4f} mm rms over the workspace'
+        )
+        if found['ratio_to_analytic'] is not None:
+            line += f', parameters {found["ratio_to_analytic"]:.2f} times as unsure as stated'
+        if found['converged'] < found['repetitions']:
+            line += f'; {found["repetitions"] - found["converged"]} did not converge'
+        lines.append(line)
+    return lines

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parts of a problem: some of its spheres, a sphere as often as it is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from calib_model.rotation import frozen
+from calib_solver.problem import IntArray, Problem
+
+
+def take_groups(problem: Problem, groups: Sequence[IntArray]) -> Problem:
+    """The problem of some groups of spheres, each group a location of its own.
+
+    A group holds rows of `problem.keys` that were probed at one location; one that comes twice
+    counts twice. Locations are numbered anew, from 1. Distances are those of the problem between
+    spheres of one group.
+    """
+    rows = np.concatenate([np.sort(group) for group in groups])
+    location = np.repeat(np.arange(1, len(groups) + 1), [len(group) for group in groups])
+    keys = np.stack([location, problem.keys[rows, 1]], axis=1)
+    poses = np.concatenate([np.arange(problem.start[s], problem.start[s + 1]) for s in rows])
+    start = np.concatenate([[0], np.cumsum(problem.counts[rows])]).astype(np.int64)
+    stood = np.stack([location, problem.placement[rows]], axis=1)
+    placement = np.unique(stood, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
+    pairs, nominal = [], []
+    first = 0
+    for group in groups:
+        # where each of the problem's spheres is among those taken, -1 for the others
+        place = np.full(len(problem.keys), -1, dtype=np.int64)
+        place[np.sort(group)] = np.arange(first, first + len(group))
+        own = place[problem.pairs]
+        inside = (own >= 0).all(axis=1)
+        pairs.append(own[inside])
+        nominal.append(problem.nominal[inside])
+        first += len(group)
+    return replace(
+        problem, keys=keys, start=start, order=problem.order[poses],
+        joints=frozen(problem.joints[poses]), cosine=frozen(problem.cosine[:, poses]),
+        sine=frozen(problem.sine[:, poses]), centers=frozen(problem.centers[poses]),
+        weight=frozen(problem.weight[poses]), placement=placement,
+        pairs=np.concatenate(pairs).reshape(-1, 2), nominal=frozen(np.concatenate(nominal)),
+    )  # fmt: skip
+
+
+def gathered(problem: Problem, rows: IntArray) -> list[IntArray]:
+    """Rows of `problem.keys` as groups, one for each location among them."""
+    location = problem.keys[rows, 0]
+    return [rows[location == number] for number in np.unique(location)]
