@@ -77,7 +77,7 @@ class Demo:
             for name, (locations, spheres) in CAPTURES.items():
                 options = {
                     'locations': list(locations), 'spheres': list(spheres), 'seed': self.seed,
-                    'poses_per_sphere': self.poses, 'output': str(self.folder / name),
+                    'poses_per_sphere': self.poses, 'output': name,
                 }  # fmt: skip
                 module = 'calib_capture.capture_node'
                 capture = self._start(children, f'capture_{name}', module, options, shown=True)
@@ -93,11 +93,11 @@ class Demo:
 
     def identify(self) -> dict[str, Record]:
         """Identified parameters beside the bags, and the qualities of the table's columns."""
-        bag, held_out = self.folder / 'identification', self.folder / 'held_out'
+        bag, held_out = CAPTURES
         with Children() as children:
             work = {
-                'identify': [str(bag), '--test', str(held_out), '--output', str(self.folder)],
-                'evaluate': [str(held_out)],
+                'identify': [bag, '--test', held_out, '--output', '.'],
+                'evaluate': [held_out],
             }
             running = [
                 Child(name, f'calib_solver.{name}', given, self._env, self._log(name))

@@ -58,7 +58,10 @@ def _end_with_parent() -> None:
 
 
 class Child:
-    """A Python module run as a process; what it prints goes to `log` unless `shown`."""
+    """A Python module run as a process in the folder of its log.
+
+    What it prints goes to the log too, unless it is to be `shown`.
+    """
 
     def __init__(
         self, name: str, module: str, arguments: Sequence[str], env: dict[str, str], log: Path,
@@ -70,7 +73,7 @@ class Child:
             self.process = subprocess.Popen(
                 [sys.executable, '-m', module, *arguments],
                 stdin=subprocess.DEVNULL, stdout=None if shown else stream, stderr=stream,
-                env=env, preexec_fn=_end_with_parent,
+                env=env, cwd=log.parent, preexec_fn=_end_with_parent,
             )  # fmt: skip
 
     def complaint(self) -> ChildError:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calib_capture.order import travel_time
-from calib_capture.pairing import Outcome, Reason, Refusal, SteadyPose
+from calib_capture.pairing import SECOND, Outcome, Reason, Refusal, SteadyPose
 from calib_capture.program import PlannedPose, Program
 from calib_capture.trajectory import Trajectory
 from calib_model.arm import Arm
@@ -22,6 +22,8 @@ WORTH_ANOTHER_TRY = (
     Reason.NO_READINGS, Reason.JOINTS_MISSING, Reason.ARM_UNSTEADY, Reason.STYLI_UNSTEADY,
 )  # fmt: skip
 SHORTEST_MOVE = 0.15  # s: arms take their time to set off and to stop
+STILL = 1e-4  # rad
+STAMP_STEP = 1e-6  # s: stamps are rounded
 STEP_ASIDE = 0.01  # rad of the last joint: enough for a new stop, little for the probe
 
 
@@ -40,7 +42,7 @@ class RunSettings:
     `tolerance` (rad) is how near to the planned joints a stop must be to be that pose's.
     """
 
-    batch: int = 10
+    batch: int = 7
     hold: float = 0.06
     speed: float = 0.3
     answer_timeout: float = 3.0
@@ -82,8 +84,9 @@ class Tally:
 class MeasuringRun:
     """Commands the poses of a program batch by batch and matches the outcomes to them.
 
-    The next batch goes out when every pose of the last has its outcome, so that a trajectory
-    never replaces one that is still needed.
+    The next batch goes out when the arm has held the last pose of the one before, so that a
+    trajectory never replaces one that is still needed; at most two batches wait for outcomes, so
+    that no more readings are on their way than a subscriber keeps.
     """
 
     def __init__(
@@ -96,6 +99,11 @@ class MeasuringRun:
         self._todo = deque[tuple[PlannedPose, int]]((pose, 1) for pose in program.poses)
         self._open: list[tuple[PlannedPose, int]] = []
         self._here: Array | None = None
+        self._stands: Array | None = None  # where it has been still, for `_held` s
+        self._since = 0  # since this stamp, ns
+        self._held = 0.0
+        self._goal: Array | None = None
+        self._left = True  # whether it has moved since it was told to
         self._sign_of_life = self._progress = self._start = now
 
     @property
@@ -109,13 +117,25 @@ class MeasuringRun:
         return self._open[0][0] if self._open else None
 
     def next_trajectory(self, now: float) -> Trajectory | None:
-        """The next batch as a trajectory, None while poses of the last one are open."""
-        if self._open or not self._todo or self._here is None:
+        """The next batch as a trajectory, None while the arm is busy with the last one."""
+        if not self._todo or not self._free():
             return None
         count = min(self.settings.batch, len(self._todo))
-        self._open = [self._todo.popleft() for _ in range(count)]
+        batch = [self._todo.popleft() for _ in range(count)]
+        self._open += batch
+        self._goal = batch[-1][0].joints
+        self._left = False
         self._sign_of_life = now
-        return self._way([pose for pose, _ in self._open])
+        return self._way([pose for pose, _ in batch])
+
+    def _free(self) -> bool:
+        if self._here is None:
+            return False
+        if self._goal is None or not self._open:
+            return True
+        there = np.abs(self._here - self._goal).max() <= self.settings.tolerance
+        held = self._held >= self.settings.hold - STAMP_STEP
+        return bool(there) and self._left and held and len(self._open) <= self.settings.batch
 
     def _way(self, poses: list[PlannedPose]) -> Trajectory:
         """To each pose and a rest there; approach and retract have their place here."""
@@ -141,10 +161,13 @@ class MeasuringRun:
         aside[-1] += -STEP_ASIDE if here[-1] > np.clip(0.0, lower, upper) else STEP_ASIDE
         return aside
 
-    def see(self, joints: Array, now: float) -> None:
-        """Take note of where the arm is; while it moves, an answer can still come."""
-        if self._here is None or np.abs(joints - self._here).max() > self.settings.tolerance:
+    def see(self, joints: Array, stamp: int, now: float) -> None:
+        """Take note of where the arm is at a stamp (ns); while it moves, answers can still come."""
+        if self._stands is None or np.abs(joints - self._stands).max() > STILL:
             self._sign_of_life = now
+            self._stands, self._since = joints, stamp
+            self._left = True
+        self._held = (stamp - self._since) / SECOND
         self._here = joints
 
     def take(self, outcome: Outcome, now: float) -> TakenPose | None:

@@ -48,7 +48,7 @@ class CaptureSession:
     def take_joints(self, sample: JointSample, raw: bytes) -> None:
         """A joint state has come; `raw` are its CDR bytes."""
         self.recorder.raw(JOINT_STATES, raw, self._wall())
-        self.run.see(sample.joints, self._clock())
+        self.run.see(sample.joints, sample.stamp, self._clock())
         self._go_on(self.pairing.add_joints(sample))
 
     def take_reading(self, reading: Reading, raw: bytes) -> None:

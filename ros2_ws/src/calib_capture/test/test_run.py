@@ -50,7 +50,7 @@ def program():
 @pytest.fixture
 def run(kr5, program):
     run = MeasuringRun(kr5, program, SETTINGS, 0.0)
-    run.see(np.zeros(6), 0.0)
+    run.see(np.zeros(6), 0, 0.0)
     return run
 
 
@@ -61,17 +61,35 @@ def answered(joints):
 def test_nothing_is_commanded_before_the_arm_has_been_seen(kr5, program):
     run = MeasuringRun(kr5, program, SETTINGS, 0.0)
     assert run.next_trajectory(0.0) is None
-    run.see(np.zeros(6), 0.0)
+    run.see(np.zeros(6), 0, 0.0)
     assert run.next_trajectory(0.0) is not None
 
 
-def test_the_next_batch_waits_for_the_last_one(run, program):
+def test_the_next_batch_waits_until_the_arm_has_held_the_last_pose(run, program):
     first = run.next_trajectory(0.0)
     assert len(first.positions) == 6  # three poses, each with its rest
-    for pose in program.poses[:3]:
+    for i, pose in enumerate(program.poses[:3]):
         assert run.next_trajectory(0.1) is None
+        run.see(pose.joints, i * SECOND, 0.1)
+    run.see(program.poses[2].joints, 2 * SECOND + SECOND // 50, 0.1)
+    assert run.next_trajectory(0.1) is None
+    run.see(program.poses[2].joints, 2 * SECOND + round(SETTINGS.hold * SECOND), 0.1)
+    assert np.array_equal(run.next_trajectory(0.1).positions[0], program.poses[3].joints)
+
+
+def test_a_third_batch_waits_for_outcomes_of_the_first(run, program):
+    def hold(pose, stamp):
+        run.see(pose.joints, stamp, 0.1)
+        run.see(pose.joints, stamp + SECOND, 0.1)
+
+    run.next_trajectory(0.0)
+    hold(program.poses[2], SECOND)
+    run.next_trajectory(0.1)
+    hold(program.poses[5], 3 * SECOND)
+    assert run.next_trajectory(0.1) is None
+    for pose in program.poses[:3]:
         assert run.take(answered(pose.joints), 0.1).planned is pose
-    assert np.array_equal(run.next_trajectory(0.2).positions[0], program.poses[3].joints)
+    assert len(run.next_trajectory(0.1).positions) == 2
 
 
 def test_trajectories_keep_the_speed_and_hold_every_pose(run, kr5):
@@ -123,7 +141,7 @@ def test_a_refusal_by_place_is_not_tried_again_but_replaced(run, program):
 def test_without_a_spare_the_sphere_has_one_pose_less(kr5):
     program = Program((planned(1, count=1, spares=0),))
     run = MeasuringRun(kr5, program, SETTINGS, 0.0)
-    run.see(np.zeros(6), 0.0)
+    run.see(np.zeros(6), 0, 0.0)
     run.next_trajectory(0.0)
     run.take(Refusal(1, program.poses[0].joints, Reason.OVER_TRAVEL), 0.1)
     assert run.finished
@@ -140,17 +158,41 @@ def test_lost_readings_are_tried_once_more(run, program):
 
 
 def test_an_arm_that_is_there_already_steps_aside_for_a_new_stop(run, program):
-    run.see(program.poses[0].joints, 0.0)
+    run.see(program.poses[0].joints, 0, 0.0)
     trajectory = run.next_trajectory(0.0)
     aside = np.abs(trajectory.positions[0] - program.poses[0].joints).max()
     assert SETTINGS.tolerance < aside <= 0.02
     assert np.array_equal(trajectory.positions[1], program.poses[0].joints)
 
 
+def test_a_batch_of_a_pose_where_the_arm_stands_is_not_taken_for_done(kr5):
+    program = Program((planned(1, count=4, spares=0),))
+    run = MeasuringRun(kr5, program, RunSettings(batch=1), 0.0)
+    here = program.poses[0].joints
+    run.see(here, 0, 0.0)
+    run.see(here, 10 * SECOND, 0.0)
+    run.next_trajectory(0.0)
+    run.see(here, 11 * SECOND, 0.1)  # has not set off yet
+    assert run.next_trajectory(0.1) is None
+    run.see(here + 0.005, 12 * SECOND, 0.2)
+    run.see(here, 13 * SECOND, 0.3)
+    assert run.next_trajectory(0.3) is None
+    run.see(here, 14 * SECOND, 0.4)
+    assert run.next_trajectory(0.4) is not None
+
+
+def test_a_creeping_arm_is_alive_and_not_there(run, program):
+    run.next_trajectory(0.0)
+    for i in range(100):
+        run.see(program.poses[2].joints - 0.05 + 5e-4 * i, i * SECOND // 100, 0.02 * i)
+        assert run.next_trajectory(0.02 * i) is None
+    assert not run.overdue(2.5)
+
+
 def test_a_silent_graph_is_given_up_in_time(run):
     run.next_trajectory(0.0)
     assert not run.overdue(0.9)
-    run.see(np.full(6, 0.05), 0.9)  # it still moves
+    run.see(np.full(6, 0.05), 0, 0.9)  # it still moves
     assert not run.overdue(1.5)
     assert run.overdue(2.0)
     run.close_batch(2.0)
