@@ -7,23 +7,21 @@ import sys
 import time
 
 import numpy as np
-import rclpy
-from rclpy.exceptions import InvalidParameterTypeException
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-from calib_capture.configuration import ParameterError, configured, explained, number_within
-from calib_capture.executor_node import spin
+from calib_capture.configuration import configured, explained, number_within
+from calib_capture.executor_node import lean_executor
 from calib_capture.messages import SECOND, described, joint_state, points_of, qos_of
 from calib_capture.pinocchio_arm import PinocchioArm
 from calib_capture.trajectory import Motion, TrajectoryError, checked_trajectory
 from calib_model.command import run_command
 from calib_model.description import arm_yaml, parse_arm
 from calib_model.rotation import Array
+from calib_model.run_node import run_node
 from calib_model.topics import (
     ARM_DESCRIPTION,
     JOINT_STATES,
@@ -156,28 +154,9 @@ class ArmNode(Node):
         self._states.publish(joint_state(stamp, frame, names, position, velocity))
 
 
-def _spin() -> None:
-    try:
-        rclpy.init(args=sys.argv)
-    except RuntimeError as error:  # what rcl raises for arguments it cannot parse
-        raise ParameterError(str(error).partition(', at ')[0]) from error
-    try:
-        node = ArmNode()
-        try:
-            spin(node)
-        finally:
-            node.destroy_node()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    except InvalidParameterTypeException as error:
-        raise ParameterError(str(error)) from error
-    finally:
-        rclpy.try_shutdown()
-
-
 def main() -> int:
     """Run the node until it is told to stop; 2 when a parameter or a file cannot be used."""
-    return run_command(_spin)
+    return run_command(lambda: run_node(ArmNode, lean_executor))
 
 
 if __name__ == '__main__':

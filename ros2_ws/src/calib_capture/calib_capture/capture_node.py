@@ -14,14 +14,13 @@ import rclpy
 from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.signals import SignalHandlerOptions
 
-from calib_capture.configuration import ParameterError
 from calib_capture.executor_node import lean_executor
 from calib_capture.measuring_node import TICK, CaptureNode
 from calib_capture.program import Program
 from calib_capture.run import RunError
 from calib_capture.session import CaptureSession
 from calib_model.command import run_command
-from calib_model.errors import BagError
+from calib_model.errors import BagError, ParameterError
 from calib_model.progress import Progress
 
 REMINDER = 3.0  # s between two lines that say what is being waited for

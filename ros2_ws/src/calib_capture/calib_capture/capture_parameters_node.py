@@ -9,11 +9,12 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from calib_capture.configuration import ParameterError, configured, explained, number_within
+from calib_capture.configuration import configured, explained, number_within
 from calib_capture.messages import described
 from calib_capture.pairing import SteadySettings
 from calib_capture.program import ProgramSettings
 from calib_capture.run import RunSettings
+from calib_model.errors import ParameterError
 from calib_model.placement import parse_placements
 from calib_model.rotation import RigidTransform
 

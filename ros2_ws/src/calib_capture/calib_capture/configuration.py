@@ -10,7 +10,7 @@ from typing import TypeVar
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
 from calib_model.description import read_description
-from calib_model.errors import CalibrationError
+from calib_model.errors import ParameterError
 
 T = TypeVar('T')
 CONFIGURED_BY = 'calib_bringup'
@@ -21,10 +21,6 @@ FILES = {
     'gauge': ('config/gauges/ball_bar_kr5.yaml', 'gauge description: the certificate'),
     'placements': ('config/locations/kr5.yaml', 'where the gauge stands, location by location'),
 }
-
-
-class ParameterError(CalibrationError):
-    """A parameter of a node that cannot be used."""
 
 
 def explained(name: str) -> str:

@@ -4,9 +4,6 @@
 from __future__ import annotations
 
 from rclpy.executors import Executor, SingleThreadedExecutor
-from rclpy.node import Node
-
-PATIENCE = 0.1  # s
 
 
 def lean_executor() -> Executor:
@@ -20,11 +17,3 @@ def lean_executor() -> Executor:
         return SingleThreadedExecutor()
     executor: Executor = EventsExecutor()
     return executor
-
-
-def spin(node: Node) -> None:
-    """Let a node live until its context is shut down."""
-    executor = lean_executor()
-    executor.add_node(node)
-    while node.context.ok():
-        executor.spin_once(timeout_sec=PATIENCE)

@@ -41,3 +41,7 @@ class FitError(CalibrationError):
 
 class ContactError(CalibrationError):
     """Stylus readings or sphere centres for which the contact has no solution."""
+
+
+class ParameterError(CalibrationError):
+    """A parameter or an argument of a node that cannot be used."""

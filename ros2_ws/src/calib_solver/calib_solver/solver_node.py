@@ -7,13 +7,14 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-import rclpy
 from calib_interfaces.srv import Evaluate, FitProbe, Identify
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 
+from calib_model.command import run_command
 from calib_model.errors import CalibrationError
+from calib_model.run_node import run_node
 from calib_solver import messages
 from calib_solver.evaluate import evaluation_record
 from calib_solver.fitting import fit_from
@@ -106,20 +107,13 @@ def _sources(request: Any) -> Sources:
     return Sources(bag_list(request.bag), request.arm, request.probe, request.gauge)
 
 
+def _executor() -> MultiThreadedExecutor:
+    return MultiThreadedExecutor(num_threads=THREADS)
+
+
 def main() -> int:
-    """Entry point: serves until Ctrl-C."""
-    rclpy.init()
-    node = SolverNode()
-    executor = MultiThreadedExecutor(num_threads=THREADS)
-    executor.add_node(node)
-    try:
-        executor.spin()
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
-    return 0
+    """Entry point: serves until Ctrl-C; 2 when an argument cannot be used."""
+    return run_command(lambda: run_node(SolverNode, _executor))
 
 
 if __name__ == '__main__':

@@ -26,7 +26,9 @@ from calib_model.description import (
     probe_yaml,
     read_description,
 )
+from calib_model.errors import ParameterError
 from calib_model.placement import parse_placements
+from calib_model.run_node import run_node
 from calib_model.topics import (
     GAUGE_DESCRIPTION,
     JOINT_STATES,
@@ -36,7 +38,6 @@ from calib_model.topics import (
 )
 from selfcenter_probe.magnitudes import parse_magnitudes
 from selfcenter_probe.messages import displacements, joints_of, qos_of, stamp_of
-from selfcenter_probe.run_node import ParameterError, run_node
 from selfcenter_probe.simulation import ProbeSimulation
 from selfcenter_probe.world import World
 

@@ -12,17 +12,13 @@ import rclpy
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from calib_model.errors import CalibrationError
+from calib_model.errors import ParameterError
 
 WAKE_PERIOD = 0.1  # s, how soon an idle node sees that it is to end
-
-
-class ParameterError(CalibrationError):
-    """A parameter or an argument of a node that cannot be used."""
 
 
 class _Stop:
@@ -38,7 +34,9 @@ class _Stop:
         signal.signal(number, signal.SIG_DFL)
 
 
-def run_node(make: Callable[[], Node]) -> None:
+def run_node(
+    make: Callable[[], Node], executor: Callable[[], Executor] = SingleThreadedExecutor
+) -> None:
     """Run the node that `make` returns until SIGINT or SIGTERM.
 
     rclpy's own handler of SIGTERM shuts the context down from a thread of its own, whatever the
@@ -54,21 +52,20 @@ def run_node(make: Callable[[], Node]) -> None:
     except RuntimeError as error:  # what rcl raises for arguments that it cannot parse
         raise ParameterError(str(error).partition(', at ')[0]) from error
     try:
-        _spin(make(), stop)
+        _spin(make(), executor(), stop)
     except (InvalidParameterTypeException, InvalidParameterValueException) as error:
         raise ParameterError(str(error)) from error
     finally:
         rclpy.try_shutdown()
 
 
-def _spin(node: Node, stop: _Stop) -> None:
+def _spin(node: Node, executor: Executor, stop: _Stop) -> None:
     # Python sees a signal only between two waits, so there has to be an end to each
     node.create_timer(WAKE_PERIOD, lambda: None, clock=Clock(clock_type=ClockType.STEADY_TIME))
-    executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:
         while not stop.asked:
-            executor.spin_once()
+            executor.spin_once(WAKE_PERIOD)
     finally:
         executor.shutdown()
         node.destroy_node()
