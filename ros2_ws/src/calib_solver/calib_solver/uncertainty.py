@@ -67,7 +67,7 @@ def estimate_uncertainty(
 
     `information` (F,) is strength / sigma^2 of the prior, `kappa` its weight in the cost.
     """
-    noise = pose_variance(sums)
+    noise = pose_variance(sums, distance_errors(problem, sums)[1] if name == 'distance' else None)
     parts = gradient_noise(problem, name, sums)
     misfit = misfit_factor(problem, name, sums, noise, parts)
     prior = kappa * information
@@ -82,16 +82,21 @@ def estimate_uncertainty(
     return Uncertainty(root @ root.T, float(np.sqrt(noise)), misfit)
 
 
-def pose_variance(sums: SphereSums) -> float:
+def pose_variance(sums: SphereSums, slope: Array | None = None) -> float:
     """Variance of one pose's coordinate about its sphere's mean, pooled over all spheres, m^2.
 
-    What the parameters could still take up is no noise: eq. 13 does not look at the poses, and
-    leaves them scattering as far as its parameters are off.
+    With `slope` (M, F), the distances' Jacobian, the sums are those at a minimum of the distances
+    alone: eq. 13 does not look at the poses and leaves them scattering as far as its parameters
+    are off, so what these could still take up while the distances hold is no noise. Did nothing
+    hold, a passive probe's poses would come together as the whole arm shrinks.
     """
-    spread = float(sums.spread.sum())
+    left = float(sums.spread.sum())
     gradient, normal = sums.gradient.sum(axis=0), sums.normal.sum(axis=0)
-    inverse, rank = _inverse(normal)
-    left = spread - float(gradient @ inverse @ gradient)
+    if slope is None:
+        rank = len(gradient)
+    else:
+        inverse, rank = _inverse(normal + float(sums.count.mean()) * slope.T @ slope)
+        left -= float(gradient @ inverse @ gradient)
     freedom = 3 * float(np.maximum(sums.count - 1, 0).sum())
     return max(left, 0.0) / max(freedom - rank, 1.0)
 
@@ -132,7 +137,7 @@ def _distance_leverage(problem: Problem, sums: SphereSums) -> tuple[Array, Array
     by_center = np.zeros((len(certified), 3, slope.shape[1]))
     np.add.at(by_center, place[first], -weighted)
     np.add.at(by_center, place[second], weighted)
-    return leverage, by_center.reshape(-1, slope.shape[1])
+    return leverage, by_center.reshape(3 * len(certified), slope.shape[1])
 
 
 def _position_leverage(problem: Problem, sums: SphereSums) -> tuple[Array, Array]:
@@ -147,7 +152,7 @@ def _position_leverage(problem: Problem, sums: SphereSums) -> tuple[Array, Array
         own = root[:, None, None] * fitted.slope.reshape(len(rows), 3, free)
         leverage[rows] = own
         np.add.at(by_center, place[rows], -np.einsum('ki,skf->sif', fitted.rotation, own))
-    return leverage, by_center.reshape(-1, free)
+    return leverage, by_center.reshape(3 * len(certified), free)
 
 
 def _certified(problem: Problem) -> tuple[Array, IntArray]:
