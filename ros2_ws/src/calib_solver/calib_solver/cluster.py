@@ -105,7 +105,7 @@ class Cluster:
         with _lost_workers():
             held = self.client.scatter(shared, broadcast=True, hash=False)
             futures = [self.client.submit(work, held, item, pure=False) for item in items]
-            return in_order(futures, as_completed(futures), advance)
+            return in_order(futures, as_completed(futures, loop=self.client.loop), advance)
 
     def passes(self) -> ClusterPasses:
         """`sums.accumulate`, its poses held by the workers."""

@@ -22,6 +22,8 @@ from calib_solver.sums import SphereSums, accumulate
 MOST_FOLDS = 10
 #: differences of scores below this (m) are rounding, not quality
 LEAST_SCORE = 1e-9
+#: a standard error from fewer folds is itself too unsure to go by
+FEWEST_FOLDS = 5
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,8 @@ def choose_strength(
     `least_noise` (m^2) is that of `levenberg.minimise`. Chosen is the strongest prior that is not
     worse than the best by more than one standard error. That error is of the difference, location
     by location: how hard the locations are differs far more than how well two priors do at each
-    of them. With one location the same is done over its spheres.
+    of them. With fewer than five folds it says nothing, and the best one is taken. With one
+    location the same is done over its spheres.
 
     Raises:
         DataError: there is one sphere only, or what is left tells nothing.
@@ -133,5 +136,7 @@ def _chosen(strengths: tuple[float, ...], scores: Array, left_out: str) -> Cross
         Tried(strength, float(np.sqrt(scores[i].mean())), float(mean[i]), float(error[i]))
         for i, strength in enumerate(strengths)
     )
+    if folds < FEWEST_FOLDS:
+        return CrossValidation(tried, strengths[best], folds, left_out)
     fair = [one.strength for one in tried if one.behind <= one.standard_error]
     return CrossValidation(tried, max(fair), folds, left_out)

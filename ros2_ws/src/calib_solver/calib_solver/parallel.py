@@ -81,12 +81,14 @@ def _pooled(
 def _submitted(
     pool: ProcessPoolExecutor, work: Callable[[Any, Item], Result], items: Sequence[Item]
 ) -> list[Future[Result]]:
-    # workers inherit the mask: Ctrl-C is this process' to answer, from their first moment on
+    # the first one starts all workers, which inherit the mask: Ctrl-C is this process' to answer,
+    # from their first moment on
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        return [pool.submit(_do, work, item) for item in items]
+        first = pool.submit(_do, work, items[0])
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    return [first, *(pool.submit(_do, work, item) for item in items[1:])]
 
 
 _shared: object = None
