@@ -28,7 +28,8 @@ def over_seeds(work: Callable[[Seed], Result], seeds: Iterable[Seed]) -> list[Re
         for result in pool.map(work, given, chunksize=2):
             found.append(result)
             if sys.stderr.isatty():
-                sys.stderr.write(f'\r{len(found)} of {len(given)}, {time.monotonic() - begun:.0f} s')
+                seconds = time.monotonic() - begun
+                sys.stderr.write(f'\r{len(found)} of {len(given)}, {seconds:.0f} s')
     if sys.stderr.isatty():
         sys.stderr.write('\n')
     return found
@@ -40,7 +41,7 @@ def study(name: str, about: str, count: int, table: Callable[[int], list[str]]) 
     The file is written at the full `count` only, so that a quick look leaves it alone.
     """
     parser = argparse.ArgumentParser(prog=f'python -m studies.{name}', description=about)
-    parser.add_argument('--count', type=int, default=count, help='simulations (default: %(default)s)')
+    parser.add_argument('--count', type=int, default=count, help='(default: %(default)s)')
     given = parser.parse_args()
     lines = [f'$ python -m studies.{name}', '', *about.strip().splitlines(), '']
     lines += table(given.count)

@@ -11,7 +11,6 @@ import numpy as np
 from calib_model.arm import Arm
 from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.freedom import parallel_joints
-from calib_model.freedom import parallel_joints
 from calib_model.gauge import Gauge
 from calib_model.kinematics import point_derivatives, points
 from calib_model.placement import parse_placements

@@ -30,6 +30,8 @@ NORMAL_TOLERANCE = 1e-7
 ROWS_TOLERANCE = 1e-13
 #: damping, as a part of the largest singular value: from next to Gauss-Newton to steepest descent
 LEAST_DAMPING = 1e-24
+#: so many full steps on end that gain nothing but rounding say that no more is to be had
+MOST_IDLE = 3
 MOST_DAMPING = 1e2
 
 Evaluate = Callable[[Array], Quadratic]
@@ -102,6 +104,7 @@ def minimise(
     if len(start) == 0:
         return state.fit(True, 'no free parameters')
     damping = LEAST_DAMPING
+    idle = 0
     while state.iterations < MOST_ITERATIONS:
         state.iterations += 1
         step, gain = state.step(damping)
@@ -109,6 +112,9 @@ def minimise(
         if small and gain <= GAIN_TOLERANCE * state.cost + state.rounding:
             state.try_step(step, gain)
             return state.fit(True, 'gradient and step below their tolerances')
+        idle = idle + 1 if damping == LEAST_DAMPING and gain <= state.rounding else 0
+        if idle > MOST_IDLE:
+            return state.fit(False, 'only rounding is left to gain; a direction does not settle')
         if state.try_step(step, gain):
             damping = max(damping / 100, LEAST_DAMPING)
         elif damping > MOST_DAMPING:

@@ -56,6 +56,8 @@ def distance_errors(problem: Problem, sums: SphereSums) -> tuple[Array, Array]:
 def distance(problem: Problem, sums: SphereSums) -> Quadratic:
     """Eq. 13: the squared distance errors alone."""
     error, slope = distance_errors(problem, sums)
+    root = np.sqrt(problem.pair_weight)
+    error, slope = root * error, root[:, None] * slope
     return Quadratic(
         float(error @ error), slope.T @ error, slope.T @ slope, len(error), (slope, error)
     )

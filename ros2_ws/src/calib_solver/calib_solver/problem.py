@@ -25,8 +25,8 @@ class Problem:
     and rows of `centers` (N, 3), the sphere's centre in the probe frame; `weight` (N,) is 1 or
     less. `order` (N,) is each row's place in the measurement. `placement` (S,) numbers where the
     gauge stood: spheres of one location share it unless the gauge was found to have moved.
-    `pairs` (M, 2) are rows of `keys` with one placement and `nominal` (M,) the certificate's
-    distance between them, m.
+    `pairs` (M, 2) are rows of `keys` with one placement, `nominal` (M,) the certificate's distance
+    between them, m, and `pair_weight` (M,) 1 or less.
     """
 
     measured: Measurement
@@ -41,12 +41,13 @@ class Problem:
     placement: IntArray
     pairs: IntArray
     nominal: Array
+    pair_weight: Array
 
     @classmethod
     def of(
         cls, measured: Measurement, placement: Mapping[tuple[int, int], int] | None = None
     ) -> Problem:
-        """The problem of a measurement, every pose with weight 1.
+        """The problem of a measurement, every pose and distance with weight 1.
 
         `placement` gives spheres (location, sphere) that stood elsewhere than the others of
         their location a number, the same for those that stood together.
@@ -67,7 +68,7 @@ class Problem:
             measured, keys, start.astype(np.int64), order, frozen(joints),
             frozen(np.cos(turned).T), frozen(np.sin(turned).T),
             frozen(measured.centers()[order]), frozen(np.ones(len(poses))), placed, pairs,
-            frozen(distances),
+            frozen(distances), frozen(np.ones(len(pairs))),
         )  # fmt: skip
 
     @property

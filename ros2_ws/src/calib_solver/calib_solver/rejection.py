@@ -2,8 +2,8 @@
 """Readings that do not belong: slipped contacts, wrong sphere numbers, a gauge that moved.
 
 Poses are judged by their distance from their sphere's centre against the median of all such
-distances, spheres by their certified distances; the fit is repeated with less and less weight on
-what stands out, until what is left out no longer changes.
+distances, spheres by their certified distances; the fit is repeated with less weight on what
+stands out, until what is left out no longer changes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from calib_model.arm import Arm
 from calib_model.probe import Probe
 from calib_model.rotation import Array
-from calib_solver.problem import Problem
+from calib_solver.problem import IntArray, Problem
 from calib_solver.quality import probed_points
 
 #: a pose this many times further out than the median does not belong; normal noise along a single
@@ -25,11 +25,16 @@ from calib_solver.quality import probed_points
 FAR = 8.0
 #: beyond this many, a pose's weight falls off while the fit is still finding its place
 SOFT = 4.0
+#: a sphere's poses may scatter this many times as much as those of all spheres do
+UNEVEN = 4.0
 #: so are distance errors against their median, which rests on far fewer
 FAR_DISTANCE = 16.0
 #: nothing nearer than this (m) is called a gross error, however good the rest
 LEAST_SIZE = 1e-6
-ROUNDS = 8
+ROUNDS = 10
+SOFT_ROUNDS = 5
+#: so many poses on end with the same reading of one stylus are no chance
+FEWEST_STUCK = 5
 #: with fewer distances their median says nothing
 FEWEST_DISTANCES = 6
 
@@ -65,30 +70,78 @@ def clean(problem: Problem, solve: Solve) -> Cleaned:
     A measurement in which nothing stands out comes back as it is after one solution.
     """
     measured = problem.measured
-    start = _screen_distances(problem, measured.arm, measured.probe)
-    current = _with_placements(problem, start)
-    moved: Moved = start
-    kept: Mask = np.ones(len(problem.joints), dtype=bool)
+    stretch = stuck_stretches(problem)
+    kept: Mask = stretch == 0
+    moved = _moved_spheres(problem, measured.arm, measured.probe, kept)
+    current = _weighted(problem, moved, kept.astype(float))
+    bent = not kept.all() or bool(moved)
     for round_number in range(ROUNDS):
         arm, probe = solve(current)
         away, usual = _deviations(problem, arm, probe, kept)
-        now_kept = away <= np.maximum(FAR * usual, LEAST_SIZE)
+        now_kept = _without_stuck(away <= np.maximum(FAR * usual, LEAST_SIZE), stretch)
         now_moved = _moved_spheres(problem, arm, probe, now_kept)
         settled = np.array_equal(now_kept, kept) and now_moved == moved
         kept, moved = now_kept, now_moved
-        if settled:
+        error, allowed = _judged_distances(current, arm, probe, kept)
+        bent = bent or not kept.all() or bool((error > allowed).any())
+        # at first by weight, so that nothing is lost to a fit that the bad ones have bent
+        soft = bent and round_number < SOFT_ROUNDS
+        if settled and not soft:
             break
-        current = _with_placements(problem, moved)
-        soft = 1 / (1 + (away / np.maximum(SOFT * usual, LEAST_SIZE)) ** 2) ** 2
-        # at first by weight, so that no pose is lost to a fit that the bad ones have bent
-        weight = soft if round_number < ROUNDS // 2 and not kept.all() else kept.astype(float)
-        current = replace(current, weight=_read_only(weight))
+        weight = kept.astype(float)
+        if soft:
+            weight *= _soft(away, usual)
+        current = _weighted(problem, moved, weight)
+        if soft:
+            error, allowed = _judged_distances(current, arm, probe, kept)
+            softened = _soft(error, np.maximum(np.median(error), allowed / FAR))
+            current = replace(current, pair_weight=_read_only(softened))
     if kept.all() and not moved:
         return Cleaned(problem, (), {}, ())
-    rejected = _accounts(problem, arm, probe, kept, away)
+    rejected = _accounts(problem, arm, probe, kept, away, stretch)
     remaining = measured.poses.take(np.sort(problem.order[kept]))
     cleaned = Problem.of(replace(measured, poses=remaining), moved)
     return Cleaned(cleaned, rejected, moved, _warnings(rejected, moved, len(problem.joints)))
+
+
+def _soft(size: Array, usual: Array) -> Array:
+    """Weights that fall off beyond SOFT times what is usual."""
+    weight: Array = 1 / (1 + (size / np.maximum(SOFT * usual, LEAST_SIZE)) ** 2) ** 2
+    return weight
+
+
+def stuck_stretches(problem: Problem) -> IntArray:
+    """For each pose (N,), in the problem's order, 0 or the number of the stretch it is in.
+
+    A stretch is a run of at least FEWEST_STUCK poses, in the order of the measurement, in which one
+    stylus reads exactly the same while the others vary.
+    """
+    measured = problem.measured.poses
+    read = measured.displacement
+    found = np.zeros(len(read), dtype=np.int64)
+    number = 0
+    for stylus in range(read.shape[1]):
+        starts = np.flatnonzero(np.diff(read[:, stylus], prepend=np.nan) != 0)
+        for first, last in zip(starts, [*starts[1:], len(read)], strict=True):
+            varies = np.ptp(np.delete(read[first:last], stylus, axis=1), axis=0).min()
+            if last - first >= FEWEST_STUCK and varies > LEAST_SIZE:
+                number += 1
+                found[first:last] = number
+    # what most poses do is no fault
+    if (found > 0).mean() > 0.5:
+        found[:] = 0
+    stretch: IntArray = found[problem.order]
+    return stretch
+
+
+def _without_stuck(kept: Mask, stretch: IntArray) -> Mask:
+    """A stretch goes whole where most of it does not fit, and stays whole where it does."""
+    judged = kept.copy()
+    for number in range(1, int(stretch.max(initial=0)) + 1):
+        own = stretch == number
+        if kept[own].mean() < 0.5:
+            judged[own] = False
+    return judged
 
 
 def _read_only(weight: Array) -> Array:
@@ -96,8 +149,10 @@ def _read_only(weight: Array) -> Array:
     return weight
 
 
-def _with_placements(problem: Problem, moved: Moved) -> Problem:
-    return Problem.of(problem.measured, moved) if moved else problem
+def _weighted(problem: Problem, moved: Moved, weight: Array) -> Problem:
+    """The problem with spheres that `moved` apart and weights (N,) of the poses."""
+    placed = Problem.of(problem.measured, moved) if moved else problem
+    return replace(placed, weight=_read_only(weight))
 
 
 def _centers(problem: Problem, points: Array, kept: Mask) -> Array:
@@ -113,17 +168,18 @@ def _centers(problem: Problem, points: Array, kept: Mask) -> Array:
 def _deviations(problem: Problem, arm: Arm, probe: Probe, kept: Mask) -> tuple[Array, Array]:
     """Each pose's distance from its sphere's centre and what is usual there, both (N,), m.
 
-    Usual is the median, of all poses or of the sphere's own where that is larger: postures differ
-    in how far they carry the joints' errors.
+    Usual is the median, of all poses or of the sphere's own where that is larger, within reason:
+    postures differ in how far they carry the joints' errors.
     """
     points = probed_points(problem, arm, probe)
     centers = np.repeat(_centers(problem, points, kept), problem.counts, axis=0)
     away = np.linalg.norm(points - centers, axis=1)
     several = np.repeat(problem.counts > 2, problem.counts)
-    usual = np.full(len(away), np.median(away[several] if several.any() else away))
+    of_all = float(np.median(away[several] if several.any() else away))
+    usual = np.empty(len(away))
     for s in range(len(problem.keys)):
         rows = problem.rows(s)
-        usual[rows] = np.maximum(usual[rows], np.median(away[rows]))
+        usual[rows] = np.clip(np.median(away[rows]), of_all, UNEVEN * of_all)
     return away, usual
 
 
@@ -133,24 +189,25 @@ def _distance_errors(problem: Problem, arm: Arm, probe: Probe, kept: Mask) -> Ar
     return np.linalg.norm(centers[first] - centers[second], axis=1) - problem.nominal
 
 
-def _screen_distances(problem: Problem, arm: Arm, probe: Probe) -> Moved:
-    """Spheres too far from where the certificate has them for any nominal arm to explain."""
-    return _moved_spheres(problem, arm, probe, np.ones(len(problem.joints), dtype=bool))
+def _judged_distances(
+    problem: Problem, arm: Arm, probe: Probe, kept: Mask
+) -> tuple[Array, Array]:
+    """The size of each distance error (M,) and what certificate and poses allow it, m."""
+    error = np.abs(_distance_errors(problem, arm, probe, kept))
+    gauge = problem.measured.gauge
+    certificate = np.array([gauge.distance_uncertainty(length) for length in problem.nominal])
+    _, pose = _deviations(problem, arm, probe, kept)
+    of_center = pose[problem.start[:-1]] / np.sqrt(problem.counts)
+    of_poses = np.linalg.norm(of_center[problem.pairs], axis=1)
+    return error, FAR * (certificate + of_poses) + LEAST_SIZE
 
 
 def _moved_spheres(problem: Problem, arm: Arm, probe: Probe, kept: Mask) -> Moved:
     """Spheres whose distances to the others of their location do not hold, by new placement."""
     if len(problem.pairs) < FEWEST_DISTANCES:
         return {}
-    error = np.abs(_distance_errors(problem, arm, probe, kept))
-    usual = float(np.median(error))
-    gauge = problem.measured.gauge
-    certificate = np.array([gauge.distance_uncertainty(length) for length in problem.nominal])
-    _, pose = _deviations(problem, arm, probe, kept)
-    of_center = pose[problem.start[:-1]] / np.sqrt(problem.counts)
-    of_poses = np.linalg.norm(of_center[problem.pairs], axis=1)
-    allowed = np.maximum(FAR_DISTANCE * usual, FAR * (certificate + of_poses))
-    bad = error > allowed + LEAST_SIZE
+    error, allowed = _judged_distances(problem, arm, probe, kept)
+    bad = error > np.maximum(FAR_DISTANCE * np.median(error) + LEAST_SIZE, allowed)
     moved: Moved = {}
     for rows in problem.locations:
         here = bad & np.isin(problem.pairs[:, 0], rows)
@@ -180,7 +237,7 @@ def _split(bad: np.ndarray) -> list[list[int]]:
 
 
 def _accounts(
-    problem: Problem, arm: Arm, probe: Probe, kept: Mask, away: Array
+    problem: Problem, arm: Arm, probe: Probe, kept: Mask, away: Array, stretch: IntArray
 ) -> tuple[Rejected, ...]:
     points = probed_points(problem, arm, probe)
     centers = _centers(problem, points, kept)
@@ -189,7 +246,9 @@ def _accounts(
     for row in np.flatnonzero(~kept):
         own = int(sphere_of[row])
         location, sphere = (int(number) for number in problem.keys[own])
-        reason = _reason(problem, points[row], centers, own)
+        reason = 'a stylus reads the same from pose to pose: stuck'
+        if stretch[row] == 0:
+            reason = _reason(problem, points[row], centers, own)
         number = int(problem.order[row]) + 1
         rejected.append(Rejected(number, location, sphere, float(away[row]), reason))
     return tuple(sorted(rejected, key=lambda one: one.pose))

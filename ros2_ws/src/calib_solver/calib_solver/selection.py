@@ -26,7 +26,7 @@ def take_groups(problem: Problem, groups: Sequence[IntArray]) -> Problem:
     start = np.concatenate([[0], np.cumsum(problem.counts[rows])]).astype(np.int64)
     stood = np.stack([location, problem.placement[rows]], axis=1)
     placement = np.unique(stood, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)
-    pairs, nominal = [], []
+    pairs, nominal, pair_weight = [], [], []
     first = 0
     for group in groups:
         # where each of the problem's spheres is among those taken, -1 for the others
@@ -36,6 +36,7 @@ def take_groups(problem: Problem, groups: Sequence[IntArray]) -> Problem:
         inside = (own >= 0).all(axis=1)
         pairs.append(own[inside])
         nominal.append(problem.nominal[inside])
+        pair_weight.append(problem.pair_weight[inside])
         first += len(group)
     return replace(
         problem, keys=keys, start=start, order=problem.order[poses],
@@ -43,6 +44,7 @@ def take_groups(problem: Problem, groups: Sequence[IntArray]) -> Problem:
         sine=frozen(problem.sine[:, poses]), centers=frozen(problem.centers[poses]),
         weight=frozen(problem.weight[poses]), placement=placement,
         pairs=np.concatenate(pairs).reshape(-1, 2), nominal=frozen(np.concatenate(nominal)),
+        pair_weight=frozen(np.concatenate(pair_weight)),
     )  # fmt: skip
 
 
