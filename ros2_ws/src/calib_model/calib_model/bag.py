@@ -23,6 +23,7 @@ from calib_model.description import (
 )
 from calib_model.errors import BagError
 from calib_model.gauge import Gauge
+from calib_model.pose_block import decode_poses
 from calib_model.probe import Probe
 from calib_model.probing import Measurement, ProbingSet
 from calib_model.topics import (
@@ -31,6 +32,7 @@ from calib_model.topics import (
     DESCRIPTIONS,
     GAUGE_DESCRIPTION,
     PROBE_DESCRIPTION,
+    STRING,
     Topic,
 )
 
@@ -52,13 +54,13 @@ def read_measurement(
     """
     wanted = {topic.name: topic.type for topic in (*DESCRIPTIONS, CAPTURE_POSES)}
     texts: dict[str, str] = {}
-    poses: list[Any] = []
+    poses: list[bytes] = []
     for message in read_messages(path, set(wanted)):
-        content = _decoded(path, message, wanted[message.topic], len(poses) + 1)
+        _check_type(path, message, wanted[message.topic])
         if message.topic == CAPTURE_POSES.name:
-            poses.append(content)
+            poses.append(message.data)
         else:
-            texts[message.topic] = content.data
+            texts[message.topic] = _decoded(path, STRING, message.topic, message.data, 1).data
 
     def described(topic: Topic, parse: Callable[[str, str], T]) -> T:
         if topic.name not in texts:
@@ -71,22 +73,31 @@ def read_measurement(
         arm or described(ARM_DESCRIPTION, parse_arm),
         probe or described(PROBE_DESCRIPTION, parse_probe),
         gauge or described(GAUGE_DESCRIPTION, parse_gauge),
-        _probing_set(path, poses),
+        decode_poses(poses) or _one_by_one(path, poses),
         str(path),
     )
     return measured.checked()
 
 
-def _decoded(path: str | Path, message: BagMessage, expected: str, number: int) -> Any:
+def _check_type(path: str | Path, message: BagMessage, expected: str) -> None:
     if message.type != expected:
         raise BagError(f'{path}: topic {message.topic} has type {message.type}, not {expected}')
+
+
+def _decoded(path: str | Path, kind: str, topic: str, data: bytes, number: int) -> Any:
     try:
-        return cdr.decode(expected, message.data)
+        return cdr.decode(kind, data)
     except ValueError as error:
-        raise BagError(f'{path}: {message.topic}, message {number}: {error}') from error
+        raise BagError(f'{path}: {topic}, message {number}: {error}') from error
 
 
-def _probing_set(path: str | Path, poses: list[Any]) -> ProbingSet:
+def _one_by_one(path: str | Path, messages: list[bytes]) -> ProbingSet:
+    """The poses of messages that differ in layout: frames of other lengths, say."""
+    topic = CAPTURE_POSES
+    poses = [
+        _decoded(path, topic.type, topic.name, data, number)
+        for number, data in enumerate(messages, start=1)
+    ]
     counts = [len(pose.joint_position) for pose in poses]
     for number, count in enumerate(counts, start=1):
         if count != counts[0]:

@@ -9,16 +9,26 @@ from typing import Any
 
 import numpy as np
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import get_types_from_msg
 from rosbags.typesys.store import Typestore
 
 from calib_model.topics import DISPLACEMENTS, JOINT_STATE, PROBING_POSE, STRING
 
 SLACK = 64
 
-# the fields of calib_interfaces' messages, here too so that bags need no built workspace;
-# a test holds them equal to the .msg files
+# the fields of the messages that bags hold, here too so that bags need no built workspace, and
+# reading them not all of ROS; tests hold them equal to the .msg files and to Jazzy's types
 DEFINITIONS = {
+    'builtin_interfaces/msg/Time': 'int32 sec\nuint32 nanosec\n',
+    'std_msgs/msg/Header': 'builtin_interfaces/Time stamp\nstring frame_id\n',
+    STRING: 'string data\n',
+    JOINT_STATE: """\
+std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+""",
     DISPLACEMENTS: """\
 uint8 OK=0
 uint8 NO_CONTACT=1
@@ -41,24 +51,39 @@ uint32 readings
 
 @cache
 def typestore() -> Typestore:
-    """ROS 2 Jazzy's message types and ours."""
-    store = get_typestore(Stores.ROS2_JAZZY)
+    """The types of `DEFINITIONS`."""
+    store = Typestore()
     for name, text in DEFINITIONS.items():
         store.register(get_types_from_msg(text, name))
     return store
 
 
 @cache
+def _all_types() -> Typestore:
+    """Every type of ROS 2 Jazzy too; they take a while to load."""
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name in (DISPLACEMENTS, PROBING_POSE):
+        store.register(get_types_from_msg(DEFINITIONS[name], name))
+    return store
+
+
+def _store_of(type_name: str) -> Typestore:
+    return typestore() if type_name in DEFINITIONS else _all_types()
+
+
+@cache
 def schema_text(type_name: str) -> bytes:
     """A message type with its dependencies in `ros2msg` form, as MCAP schemas hold it."""
-    text, _ = typestore().generate_msgdef(type_name, ros_version=2)
+    text, _ = _store_of(type_name).generate_msgdef(type_name, ros_version=2)
     return text.encode()
 
 
 @cache
 def type_hash(type_name: str) -> str:
     """The type's RIHS01 hash."""
-    return typestore().hash_rihs01(type_name)
+    return _store_of(type_name).hash_rihs01(type_name)
 
 
 def decode(type_name: str, data: bytes) -> Any:
@@ -73,10 +98,11 @@ def decode(type_name: str, data: bytes) -> Any:
     """
     if len(data) < 4 or data[0] != 0 or data[1] > 1:
         raise ValueError(f'not a {type_name}: not plain CDR')
-    definition = typestore().get_msgdef(type_name)
+    store = _store_of(type_name)
+    definition = store.get_msgdef(type_name)
     read = definition.deserialize_cdr_le if data[1] else definition.deserialize_cdr_be
     try:
-        message, end = read(data[4:], 0, definition.cls, typestore())
+        message, end = read(data[4:], 0, definition.cls, store)
     except (SerdeError, struct.error, ValueError) as error:
         raise ValueError(f'not a {type_name}: {error}') from error
     if len(data) - 4 - end > SLACK:
@@ -86,7 +112,8 @@ def decode(type_name: str, data: bytes) -> Any:
 
 def encode(message: Any) -> bytes:
     """The CDR bytes of a message made by one of the functions below."""
-    return bytes(typestore().serialize_cdr(message, message.__msgtype__))
+    store = _store_of(message.__msgtype__)
+    return bytes(store.serialize_cdr(message, message.__msgtype__))
 
 
 def string(text: str) -> Any:

@@ -21,7 +21,7 @@ def fields(text: str) -> list[str]:
     return [line for line in lines if line]
 
 
-@pytest.mark.parametrize('name', sorted(cdr.DEFINITIONS))
+@pytest.mark.parametrize('name', sorted(n for n in cdr.DEFINITIONS if n.startswith('calib_')))
 def test_definitions_are_those_of_the_msg_files(name: str) -> None:
     file = MESSAGES / f'{name.split("/")[-1]}.msg'
     assert fields(cdr.DEFINITIONS[name]) == fields(file.read_text())
