@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+sys.path.insert(0, str(Path(__file__).resolve().parent))  # clear_of
+
 from calib_model.arm import Arm
 from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.gauge import Gauge

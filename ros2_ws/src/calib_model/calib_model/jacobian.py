@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib_model.arm import Arm
+from calib_model.arm import JOINT_PARAMETERS, Arm
 from calib_model.kinematics import point_derivatives
 from calib_model.probe import Probe
 from calib_model.rotation import Array, left_jacobian, skew
@@ -24,7 +24,7 @@ def probing_jacobian(
     by_rotation = -skew(turned) @ left_jacobian(mount.rotation_vector)
     jacobian = np.concatenate(
         [
-            derivatives.geometry.reshape(len(turned), 3, -1),
+            derivatives.geometry.reshape(len(turned), 3, len(JOINT_PARAMETERS) * arm.n),
             derivatives.flange,
             derivatives.flange @ by_rotation,
         ],

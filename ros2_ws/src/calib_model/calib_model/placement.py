@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
+import yaml
 
 from calib_model.errors import DescriptionError
 from calib_model.fields import load_mapping
@@ -29,3 +32,20 @@ def parse_placements(text: str, source: str = 'gauge locations') -> dict[int, Ri
         translation, turn = row.numbers('translation', 3), row.numbers('rotation_vector', 3)
         placements[int(number)] = RigidTransform(np.array(translation), np.array(turn))
     return placements
+
+
+def placements_yaml(
+    placements: Mapping[int, RigidTransform], base_frame: str = 'base_link'
+) -> str:
+    """The YAML text of `T_base_gauge` by location number; every number comes back bit for bit."""
+    rows = [
+        {
+            'number': number,
+            'translation': placements[number].translation.tolist(),
+            'rotation_vector': placements[number].rotation_vector.tolist(),
+        }
+        for number in sorted(placements)
+    ]
+    top = {'base_frame': base_frame, 'locations': rows}
+    text: str = yaml.safe_dump(top, sort_keys=False, default_flow_style=None, width=100)
+    return text

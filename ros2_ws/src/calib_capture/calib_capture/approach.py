@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Coming to a sphere and leaving it along the probe's axis, and how near that is to singular."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio
+
+from calib_capture.pinocchio_arm import PinocchioArm
+from calib_model.rotation import Array
+
+STEP = 0.010  # m between the postures of an approach
+EXACT = 1e-7  # m and rad: a way need not be straighter
+ITERATIONS = 8
+DAMPING = 1e-9  # keeps the step finite where the Jacobian is singular
+
+
+def retreat(model: PinocchioArm, q: Array, back: Array, length: float) -> Array | None:
+    """Postures (S, n) on the way back from q (n,), the hand's orientation kept; the nearest first.
+
+    `back` (3,) is the unit vector to go along in the base frame, `length` in m. None where the
+    arm cannot follow. Newton from posture to posture, so the branch stays the same.
+    """
+    steps = max(int(np.ceil(length / STEP)), 1)
+    start = model.flange_pose(q)
+    found = np.empty((steps, len(q)))
+    here = np.array(q, dtype=np.float64)
+    for step in range(steps):
+        target = start[:3, 3] + back * length * (step + 1) / steps
+        reached = _reached(model, here, start[:3, :3], target)
+        if reached is None:
+            return None
+        found[step] = here = reached
+    return found
+
+
+def _reached(model: PinocchioArm, q: Array, rotation: Array, position: Array) -> Array | None:
+    for _ in range(ITERATIONS):
+        pose = model.flange_pose(q)
+        turn = pinocchio.log3(rotation @ pose[:3, :3].T)
+        off = np.concatenate([position - pose[:3, 3], turn])
+        if np.abs(off).max() < EXACT:
+            return q
+        jacobian = model.flange_jacobian(q)
+        # the shortest of all steps, where a redundant joint leaves several
+        damped = jacobian @ jacobian.T + DAMPING * np.eye(6)
+        q = q + jacobian.T @ np.linalg.solve(damped, off)
+    return None
+
+
+def singular_margin(model: PinocchioArm, q: Array, reach: float) -> float:
+    """How far posture q (n,) is from a singular one: 0 there, of the order of 1 far from it.
+
+    The smallest singular value of the flange's Jacobian, lengths in units of `reach` (m).
+    """
+    jacobian = model.flange_jacobian(q).copy()
+    jacobian[:3] /= reach
+    return float(np.linalg.svd(jacobian, compute_uv=False)[-1])

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Postures in which a sphere can be probed, and why others cannot."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calib_capture.approach import retreat, singular_margin
+from calib_capture.bodies import BodySettings, bodies_of
+from calib_capture.collision import CollisionCheck
+from calib_capture.inverse import InverseKinematics
+from calib_capture.pinocchio_arm import PinocchioArm
+from calib_model.arm import Arm
+from calib_model.gauge import Gauge
+from calib_model.kinematics import joint_frames
+from calib_model.probe import Probe
+from calib_model.rotation import Array, RigidTransform
+
+NO_BRANCH = '-'  # where it was the hand that no branch reaches
+OUT_OF_REACH = 'out of reach'
+LIMITS = 'joint limits'
+SINGULAR = 'near a singularity'
+NO_WAY_BACK = 'no straight way back'
+ON_THE_WAY = ' on the way'
+HOPELESS = 300  # hands in vain after which a sphere counts as out of reach
+
+
+@dataclass(frozen=True)
+class Hand:
+    """A flange pose (4, 4), where it has the sphere in the probe (3,), and a redundant joint."""
+
+    T_base_flange: Array
+    p_probe_sphere: Array
+    redundant: float
+
+
+@dataclass(frozen=True)
+class Reach:
+    """What keeps a posture from being planned, all lengths in m, angles in rad.
+
+    `limit_margin` off the joint limits, `singular_margin` off singular postures, `approach` the
+    way along the probe's axis that must be free; `bodies` None leaves collisions unchecked.
+    """
+
+    limit_margin: float
+    singular_margin: float
+    approach: float
+    bodies: BodySettings | None
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A branch of a hand: its postures (K, n), full turns apart, and the `way` (S, n) by which
+    each of them is left, as differences from it."""
+
+    postures: Array
+    way: Array
+    p_probe_sphere: Array
+
+
+@dataclass
+class Candidates:
+    """What was found for one sphere. `refused`: postures (n,), None where the hand was out of
+    reach, and why. `tried` hands, `unreachable` those of them without a branch within limits."""
+
+    found: list[Candidate] = field(default_factory=list)
+    refused: list[tuple[Array | None, str]] = field(default_factory=list)
+    tried: int = 0
+    unreachable: int = 0
+
+    def reasons(self) -> Counter[str]:
+        """How many branches were refused for which reason."""
+        return Counter(reason for _, reason in self.refused)
+
+    def refusals(self, arm: Arm) -> Counter[tuple[str, str]]:
+        """How many branches were refused, by branch and reason."""
+        reached = [(q, reason) for q, reason in self.refused if q is not None]
+        names = branch_names(arm, np.array([q for q, _ in reached]).reshape(-1, arm.n))
+        counts = Counter(zip(names, (reason for _, reason in reached), strict=True))
+        if missed := len(self.refused) - len(reached):
+            counts[NO_BRANCH, OUT_OF_REACH] = missed
+        return counts
+
+
+class Finder:
+    """Finds the candidates of one arm with one probe before a gauge."""
+
+    def __init__(self, arm: Arm, probe: Probe, gauge: Gauge, reach: Reach) -> None:
+        self.arm = arm
+        self.inverse = InverseKinematics(arm)
+        self._reach = reach
+        self._model = PinocchioArm(arm)
+        self._size = float(np.abs(arm.geometry[[0, 2]]).sum())
+        self._R_flange_probe = probe.flange_T_probe.rotation
+        self._collision: CollisionCheck | None = None
+        if reach.bodies is not None:
+            self._collision = CollisionCheck(arm, bodies_of(arm, probe, gauge, reach.bodies))
+
+    def put_gauge(self, T_base_gauge: RigidTransform, sphere: int) -> None:
+        """Where the gauge stands from now on and which of its spheres is probed."""
+        if self._collision is not None:
+            self._collision.put_gauge(T_base_gauge, sphere)
+
+    def find(self, hands: Iterator[Hand], wanted: int) -> Candidates:
+        """The branches of one hand after the other until there are `wanted`."""
+        candidates = Candidates()
+        for hand in hands:
+            if len(candidates.found) >= wanted:
+                break
+            if candidates.tried == HOPELESS and not candidates.found:
+                break
+            self._take(hand, candidates)
+        del candidates.found[wanted:]
+        return candidates
+
+    def _take(self, hand: Hand, candidates: Candidates) -> None:
+        branches = self.inverse.branches(hand.T_base_flange, hand.redundant)
+        candidates.tried += 1
+        if not len(branches):
+            candidates.refused.append((None, OUT_OF_REACH))
+        inside = 0
+        back = -(hand.T_base_flange[:3, :3] @ self._R_flange_probe)[:, 2]
+        for posture in branches:
+            turned = self._within_limits(self.inverse.within_limits(posture[None]))
+            inside += len(turned) > 0
+            way, reason = self._judge(turned, back)
+            if reason:
+                candidates.refused.append((posture, reason))
+            else:
+                kept = turned[self._ways_within_limits(turned, way)]
+                candidates.found.append(Candidate(kept, way, hand.p_probe_sphere))
+        candidates.unreachable += inside == 0
+
+    def _judge(self, turned: Array, back: Array) -> tuple[Array, str]:
+        """The way back (S, n) from the postures (K, n) of a branch, and what speaks against it."""
+        none = np.empty((0, self.arm.n))
+        if not len(turned):
+            return none, LIMITS
+        q = turned[0]
+        if singular_margin(self._model, q, self._size) < self._reach.singular_margin:
+            return none, SINGULAR
+        if contact := self._contact(q):
+            return none, contact
+        if self._reach.approach == 0:
+            return none, ''
+        path = retreat(self._model, q, back, self._reach.approach)
+        if path is None:
+            return none, NO_WAY_BACK
+        way = path - q
+        if not self._ways_within_limits(turned, way).any():
+            return way, LIMITS + ON_THE_WAY
+        contacts = (self._contact(posture) for posture in path)
+        met = next((contact for contact in contacts if contact), '')
+        return way, met and met + ON_THE_WAY
+
+    def _contact(self, q: Array) -> str:
+        return self._collision.contact(q) if self._collision is not None else ''
+
+    def _within_limits(self, q: Array) -> Array:
+        return q[self.arm.within_limits(q, self._reach.limit_margin)]
+
+    def _ways_within_limits(self, turned: Array, way: Array) -> np.ndarray:
+        """Which of the postures (K, n) can go their way, shape (K,)."""
+        inside = np.ones(len(turned), dtype=bool)
+        for step in way:
+            inside &= self.arm.within_limits(turned + step, self._reach.limit_margin)
+        return inside
+
+
+def joints_of(candidates: Sequence[Candidate], n: int) -> Array:
+    """One posture of each candidate, shape (N, n)."""
+    return np.array([each.postures[0] for each in candidates]).reshape(-1, n)
+
+
+def branch_names(arm: Arm, q: Array) -> list[str]:
+    """The branch of postures q (N, n) as three signs: shoulder, elbow, wrist.
+
+    Shoulder: on which side of the first axis the wrist is. Elbow: to which side it bends. Wrist:
+    to which side its middle joint bends. Arms of one build have the same signs for the same look.
+    """
+    if not len(q):
+        return []
+    frames = list(joint_frames(arm, q))
+    elbow, middle = arm.n - 4, arm.n - 2  # joints from 0
+    z = [frame.z_joint for frame in frames]
+    at_wrist = frames[middle].origin
+    to_wrist = at_wrist - frames[0].origin_joint
+    signs = np.stack(
+        [
+            np.einsum('ni,ni->n', np.cross(z[0], to_wrist), z[1]),
+            np.einsum(
+                'ni,ni->n',
+                np.cross(
+                    frames[elbow].origin_joint - frames[1].origin_joint,
+                    at_wrist - frames[elbow].origin_joint,
+                ),
+                z[elbow],
+            ),
+            np.einsum('ni,ni->n', np.cross(z[middle - 1], z[middle + 1]), z[middle]),
+        ],
+        axis=1,
+    )
+    return [''.join('+' if sign >= 0 else '-' for sign in row) for row in signs]

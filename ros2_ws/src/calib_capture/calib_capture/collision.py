@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether arm, probe and gauge touch: Pinocchio places the bodies, coal finds the contacts."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pinocchio
+
+from calib_capture.bodies import WORLD, Bodies, Body
+from calib_capture.pinocchio_arm import PinocchioArm
+from calib_model.arm import Arm
+from calib_model.rotation import Array, RigidTransform
+
+
+class CollisionCheck:
+    """The bodies of one arm, its probe and a gauge that can be put from place to place."""
+
+    def __init__(self, arm: Arm, bodies: Bodies) -> None:
+        self._arm = PinocchioArm(arm)
+        self._bodies = bodies
+        self._geometry = pinocchio.GeometryModel()
+        self._moving = [self._add(body) for body in bodies.moving]
+        self._gauge = [self._add(body) for body in bodies.gauge]
+        self._kinds: list[tuple[Body, Body | None]] = []
+        self._add_pairs()
+        self._data = pinocchio.GeometryData(self._geometry)
+        for request in self._data.collisionRequests:
+            request.security_margin = bodies.settings.clearance
+        self._local = [_placement(body) for body in bodies.gauge]
+
+    def _add(self, body: Body) -> int:
+        length = float(np.linalg.norm(body.end - body.start))
+        shape = coal.Capsule(body.radius, length) if length > 0 else coal.Sphere(body.radius)
+        made = pinocchio.GeometryObject(body.name, body.frame, _placement(body), shape)
+        index: int = self._geometry.addGeometryObject(made)
+        return index
+
+    def _add_pairs(self) -> None:
+        moving, gauge = self._bodies.moving, self._bodies.gauge
+        # most likely first: the search ends with the first contact
+        for i in reversed(range(len(moving))):
+            for j in reversed(range(len(gauge))):
+                self._pair(self._moving[i], self._gauge[j], moving[i], gauge[j])
+        for i, j in self._bodies.self_pairs:
+            self._pair(self._moving[i], self._moving[j], moving[i], moving[j])
+        height = self._bodies.settings.floor
+        if height is not None:
+            under = pinocchio.SE3(np.eye(3), np.array([0.0, 0.0, height]))
+            plane = coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+            floor = self._geometry.addGeometryObject(
+                pinocchio.GeometryObject('floor', WORLD, under, plane)
+            )
+            for i, body in enumerate(moving):
+                if body.frame > 2 or body.kind == 'probe':  # the foot stands on it
+                    self._pair(self._moving[i], floor, body, None)
+
+    def _pair(self, first: int, second: int, one: Body, other: Body | None) -> None:
+        self._geometry.addCollisionPair(pinocchio.CollisionPair(first, second))
+        self._kinds.append((one, other))
+
+    def put_gauge(self, T_base_gauge: RigidTransform, probed: int) -> None:
+        """Put the gauge in its place; the styli may touch sphere `probed` and no other."""
+        place = pinocchio.SE3(T_base_gauge.matrix())
+        for index, local in zip(self._gauge, self._local, strict=True):
+            self._geometry.geometryObjects[index].placement = place * local
+        for pair, (one, other) in enumerate(self._kinds):
+            if one.stylus and other is not None and other.kind == 'sphere':
+                if other.sphere == probed:
+                    self._data.deactivateCollisionPair(pair)
+                else:
+                    self._data.activateCollisionPair(pair)
+
+    def contact(self, q: Array) -> str:
+        """What touches in posture q (n,), as `probe touches rod`; empty when nothing does."""
+        touching = pinocchio.computeCollisions(
+            self._arm.model, self._arm.data, self._geometry, self._data,
+            np.ascontiguousarray(q, dtype=np.float64), True,
+        )  # fmt: skip
+        if not touching:
+            return ''
+        active = self._data.activeCollisionPairs
+        for pair, (one, other) in enumerate(self._kinds):
+            if active[pair] and self._data.collisionResults[pair].isCollision():
+                met = 'floor' if other is None else other.kind
+                return f'{one.kind} touches {met}' if met != one.kind else 'arm touches itself'
+        return 'contact'
+
+
+def _placement(body: Body) -> pinocchio.SE3:
+    """The frame of a body whose axis is z, about its middle."""
+    way = body.end - body.start
+    length = float(np.linalg.norm(way))
+    z = way / length if length > 0 else np.array([0.0, 0.0, 1.0])
+    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
+    x /= np.linalg.norm(x)
+    return pinocchio.SE3(np.stack([x, np.cross(z, x), z], axis=-1), (body.start + body.end) / 2)

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+import os
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from clear_of import placed, segment_distances, smallest_clearance
+
+from calib_capture.bodies import BodyError, BodySettings, bodies_of, parse_bodies
+from calib_capture.collision import CollisionCheck
+from calib_capture.program import Planner, ProgramError, ProgramSettings
+from calib_model.errors import DescriptionError
+from calib_model.kinematics import forward, joint_frames
+from calib_model.probe import PassiveProbe
+from calib_model.rotation import RigidTransform
+
+pytestmark = pytest.mark.timeout(120)
+SPHERES = (1, 6, 10, 14)
+
+
+@pytest.fixture(scope='module')
+def bodies(kr5, probe, gauge):
+    return bodies_of(kr5, probe, gauge)
+
+
+def anywhere(arm, generator, count):
+    limits = np.clip(arm.limits, -np.pi, np.pi)
+    return generator.uniform(*limits.T, (count, arm.n))
+
+
+def stand(generator):
+    """A gauge somewhere in front of, beside or beyond the arm, turned anyhow."""
+    place = generator.uniform([-0.7, -0.7, 0.0], [0.7, 0.7, 0.8])
+    turn = generator.normal(size=3)
+    return RigidTransform(place, turn / np.linalg.norm(turn) * generator.uniform(0, np.pi))
+
+
+def test_distances_between_segments_are_those_of_a_fine_search():
+    generator = np.random.default_rng(0)
+    ends = generator.normal(size=(4, 50, 3))
+    ends[1, :10] = ends[0, :10]  # points
+    ends[3, 5:15] = ends[2, 5:15]
+    ends[3, 15:25] = ends[2, 15:25] + 0.7 * (ends[1, 15:25] - ends[0, 15:25])  # parallel
+    t = np.linspace(0, 1, 401)
+    p = ends[0][:, None] + t[:, None] * (ends[1] - ends[0])[:, None]
+    q = ends[2][:, None] + t[:, None] * (ends[3] - ends[2])[:, None]
+    searched = np.array([
+        np.linalg.norm(a[:, None] - b[None], axis=2).min() for a, b in zip(p, q, strict=True)
+    ])  # fmt: skip
+    found = segment_distances(*ends)
+    assert (found <= searched + 1e-12).all()
+    assert np.abs(found - searched).max() < 2e-2
+
+
+def test_bodies_are_where_the_arm_s_frames_are(kr5, probe, bodies):
+    q = anywhere(kr5, np.random.default_rng(1), 5)
+    frames = list(joint_frames(kr5, q))
+    moving, _ = placed(kr5, bodies, q, RigidTransform())
+    names = [body.name for body in bodies.moving]
+    forearm = moving[:, names.index('d4')]
+    assert np.abs(forearm[:, 0] - frames[3].origin_joint).max() < 1e-12
+    assert np.abs(forearm[:, 1] - frames[3].origin).max() < 1e-12
+    upper = moving[:, names.index('a2')]
+    assert np.abs(upper[:, 1] - frames[1].origin).max() < 1e-12
+    T_base_probe = forward(kr5, q) @ probe.flange_T_probe.matrix()
+    tip = T_base_probe[:, :3, :3] @ np.array(probe.styli[1].origin) + T_base_probe[:, :3, 3]
+    assert np.abs(moving[:, names.index('stylus 2'), 0] - tip).max() < 1e-12
+
+
+@pytest.mark.parametrize('which', ['kr5', 'iiwa14'])
+def test_contact_is_told_as_another_way_of_measuring_tells_it(which, probe, gauge, request):
+    arm = request.getfixturevalue(which)
+    made = bodies_of(arm, probe, gauge)
+    check, generator = CollisionCheck(arm, made), np.random.default_rng(2)
+    touched = 0
+    for _ in range(20):
+        place, sphere = stand(generator), int(generator.choice(gauge.numbers))
+        q = anywhere(arm, generator, 50)
+        check.put_gauge(place, sphere)
+        gap = smallest_clearance(arm, made, q, place, sphere)
+        told = np.array([bool(check.contact(each)) for each in q])
+        sure = np.abs(gap - made.settings.clearance) > 1e-6
+        assert np.array_equal(told[sure], (gap < made.settings.clearance)[sure])
+        touched += told.sum()
+    assert 40 < touched < 900
+
+
+def test_a_floor_keeps_everything_but_the_foot_above_it(kr5, probe, gauge):
+    made = bodies_of(kr5, probe, gauge, BodySettings(floor=0.1))
+    check = CollisionCheck(kr5, made)
+    check.put_gauge(RigidTransform(np.array([9.0, 0.0, 0.0])), 1)
+    upright, down = np.zeros(6), np.array([0.0, 1.9, -0.6, 0.0, 0.0, 0.0])
+    assert forward(kr5, down[None])[0, 2, 3] < 0.1
+    assert check.contact(upright) == ''
+    assert check.contact(down).endswith('touches floor')
+
+
+def test_more_than_2000_postures_are_checked_in_a_second(kr5, bodies, placements):
+    check = CollisionCheck(kr5, bodies)
+    check.put_gauge(placements[1], 6)
+    q = anywhere(kr5, np.random.default_rng(3), 1000)
+    best = np.inf
+    for _ in range(3):
+        begin = time.process_time()
+        for each in q:
+            check.contact(each)
+        best = min(best, time.process_time() - begin)
+    assert len(q) / best > 2000
+
+
+@pytest.mark.timeout(3600)
+def test_no_planned_pose_of_random_gauge_placements_collides_or_leaves_its_limits(
+    kr5, probe, gauge
+):
+    settings = ProgramSettings(poses_per_sphere=5, drive_approach=True)
+    planner, generator = Planner(kr5, probe, gauge, settings), np.random.default_rng(4)
+    planned = refused = 0
+    # CALIB_PLACEMENTS=1000 for the long run
+    for _ in range(int(os.environ.get('CALIB_PLACEMENTS', '40'))):
+        place = stand(generator)
+        try:
+            program = planner.program({1: place})
+        except ProgramError:
+            refused += 1
+            continue
+        planned += assert_clear(kr5, probe, gauge, settings, program, place)
+    assert planned > 300
+    assert refused > 0
+
+
+def assert_clear(arm, probe, gauge, settings, program, place):
+    """Every pose and all the way of its approach, finer than the planner looked; how many poses."""
+    made = bodies_of(arm, probe, gauge, settings.bodies)
+    steps = np.linspace(0, 1, 6)[:, None, None]
+    count = 0
+    for plan in program.spheres:
+        poses = (*plan.poses, *plan.spares)
+        if not poses:
+            continue
+        ways = np.array([np.vstack([pose.approach, pose.joints]) for pose in poses])
+        assert ways.shape == (len(poses), 4, arm.n)
+        looked = ways.reshape(-1, arm.n)
+        assert arm.within_limits(looked, settings.limit_margin - 1e-9).all()
+        gap = smallest_clearance(arm, made, looked, place, plan.sphere)
+        assert gap.min() >= settings.bodies.clearance - 1e-9, (place, plan.sphere, gap)
+        fine = (ways[:, None, :-1] + steps * np.diff(ways, axis=1)[:, None]).reshape(-1, arm.n)
+        gap = smallest_clearance(arm, made, fine, place, plan.sphere)
+        assert gap.min() > 0, (place, plan.sphere, gap)
+        count += len(poses)
+    return count
+
+
+def test_an_approach_is_straight_along_the_probe_s_axis(kr5, probe, gauge, placements):
+    settings = ProgramSettings(poses_per_sphere=6, drive_approach=True)
+    program = Planner(kr5, probe, gauge, settings).program(placements, [2])
+    for pose in program.poses:
+        way = forward(kr5, np.vstack([pose.approach, pose.joints]))
+        end = way[-1]
+        off = way[:, :3, 3] - end[:3, 3]
+        expected = -np.array([0.03, 0.02, 0.01, 0.0])[:, None] * end[:3, 2]
+        assert np.abs(off - expected).max() < 1e-6
+        assert np.abs(way[:, :3, :3] - end[:3, :3]).max() < 1e-6
+
+
+def test_postures_near_a_singularity_are_not_planned(kr5, probe, gauge, placements):
+    near = replace(ProgramSettings(), poses_per_sphere=60, bodies=None, singular_margin=0.05)
+    program = Planner(kr5, probe, gauge, near).program(placements, [1])
+    bend = np.array([abs(pose.joints[4]) for pose in program.poses])
+    assert bend.min() > 0.05
+    assert any('near a singularity' in plan.reasons for plan in program.spheres)
+
+
+def test_a_gauge_out_of_reach_is_refused_with_its_spheres_and_why(kr5, probe, gauge, placements):
+    planner = Planner(kr5, probe, gauge, ProgramSettings())
+    far = {1: placements[1], 7: RigidTransform(np.array([3.0, 0.0, 0.0]))}
+    with pytest.raises(ProgramError) as told:
+        planner.program(far)
+    line = str(told.value)
+    assert 'location 7' in line
+    assert all(f'{sphere} (out of reach)' in line for sphere in SPHERES)
+
+
+def test_a_passive_probe_has_a_shank_that_may_touch_its_sphere(kr5, gauge, placements):
+    passive = PassiveProbe('seat', RigidTransform(np.array([0.0, 0.0, 0.1])))
+    made = bodies_of(kr5, passive, gauge)
+    assert sum(body.stylus for body in made.moving) == 1
+    settings = ProgramSettings(poses_per_sphere=5)
+    program = Planner(kr5, passive, gauge, settings).program(placements, [1])
+    assert len(program.poses) == 20
+
+
+def test_sizes_are_read_from_a_file(kr5, probe, gauge):
+    text = 'rod_radius: 0.02\nrod_drop: 0.0\nfloor: -0.1\n'
+    assert parse_bodies(text) == BodySettings(rod_radius=0.02, rod_drop=0.0, floor=-0.1)
+    given = parse_bodies('link_radii: [0.1, 0.09, 0.08, 0.07, 0.06, 0.05]')
+    made = bodies_of(kr5, probe, gauge, given)
+    assert [body.radius for body in made.moving[:6]] == [0.1, 0.09, 0.08, 0.07, 0.06, 0.05]
+    with pytest.raises(BodyError, match='expected 6 link radii .* got 2'):
+        bodies_of(kr5, probe, gauge, parse_bodies('link_radii: [0.1, 0.1]'))
+    wrongs = 'rod_radius: -1', 'floor: high', 'link_radii: 3', 'link_radii: [0]', 'rod_drp: 1'
+    for wrong in wrongs:
+        with pytest.raises(DescriptionError):
+            parse_bodies(wrong)
