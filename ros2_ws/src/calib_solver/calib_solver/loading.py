@@ -22,7 +22,7 @@ from calib_solver.parallel import Spread, in_processes
 from calib_solver.problem import Problem
 from calib_solver.quality import Quality, assess
 from calib_solver.report import report_html
-from calib_solver.resampling import Plan, Resampled, resample
+from calib_solver.resampling import Plan, Resampled, refuse_plan, resample
 from calib_solver.result import Record, result_record, write_results
 
 
@@ -154,6 +154,7 @@ def _identified(
 ) -> tuple[Identification, Resampled | None]:
     """The identification and its repetitions, on this machine or on a cluster."""
     plan, progress = effort.plan, effort.progress
+    refuse_plan(plan, len(np.unique(measured.poses.location)), measured.source)
     if not effort.scheduler:
         done = identify(measured, options)
         return done, _resampled(done, plan, in_processes(threads()), progress)

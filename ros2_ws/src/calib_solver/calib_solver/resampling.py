@@ -95,8 +95,8 @@ class Resampled:
 Draw = Callable[[Source, np.random.SeedSequence], tuple[Array, bool]]
 
 
-def refuse_plan(plan: Plan, problem: Problem) -> None:
-    """Raise where a plan cannot be carried out.
+def refuse_plan(plan: Plan, locations: int, source: str) -> None:
+    """Raise where a plan cannot be carried out on so many locations of a measurement `source`.
 
     Raises:
         DataError: a count or the seed is negative or a single repetition, or there are too few
@@ -107,10 +107,9 @@ def refuse_plan(plan: Plan, problem: Problem) -> None:
             raise DataError(f'{name} {count}: expected 0, or 2 or more repetitions')
     if plan.seed < 0:
         raise DataError(f'seed {plan.seed}: expected zero or more')
-    locations = len(problem.locations)
     if plan.bootstrap and locations < FEWEST_LOCATIONS:
         raise DataError(
-            f'{problem.measured.source}: a bootstrap draws whole gauge locations, '
+            f'{source}: a bootstrap draws whole gauge locations, '
             f'and there is {locations}: expected {FEWEST_LOCATIONS} or more'
         )
 
@@ -124,7 +123,7 @@ def resample(
         DataError: see `refuse_plan`.
         CalibrationError: the work could not be spread.
     """
-    refuse_plan(plan, done.problem)
+    refuse_plan(plan, len(done.problem.locations), done.problem.measured.source)
     seeds = np.random.SeedSequence(plan.seed).spawn(2)
     found: list[Repeated | None] = []
     kinds: tuple[tuple[str, Draw, Callable[[Identification], Source], int], ...] = (
