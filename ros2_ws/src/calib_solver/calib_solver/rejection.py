@@ -122,9 +122,11 @@ def stuck_stretches(problem: Problem) -> IntArray:
     number = 0
     for stylus in range(read.shape[1]):
         starts = np.flatnonzero(np.diff(read[:, stylus], prepend=np.nan) != 0)
-        for first, last in zip(starts, [*starts[1:], len(read)], strict=True):
+        lengths = np.diff(starts, append=len(read))
+        for run in np.flatnonzero(lengths >= FEWEST_STUCK):
+            first, last = starts[run], starts[run] + lengths[run]
             varies = np.ptp(np.delete(read[first:last], stylus, axis=1), axis=0).min()
-            if last - first >= FEWEST_STUCK and varies > LEAST_SIZE:
+            if varies > LEAST_SIZE:
                 number += 1
                 found[first:last] = number
     # what most poses do is no fault
