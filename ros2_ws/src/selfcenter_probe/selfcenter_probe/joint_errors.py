@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the encoders do not see: the arm never quite returns to where its joints say it is."""
+"""What the encoders do not see, and what they see wrongly."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from calib_model.rotation import Array
+from calib_model.rotation import Array, frozen
 
 
 class Repeatability:
@@ -38,3 +40,40 @@ class Repeatability:
             self._error = kept * self._error + self._sigma * np.sqrt(1 - kept**2) * fresh
         self._last = np.array(q)
         return self._error
+
+
+@dataclass(frozen=True)
+class Encoders:
+    """Encoders whose discs sit eccentric and oval on their axes.
+
+    Each joint is really at what is read plus the sum over k = 1, 2 of
+    cosine[k-1] cos(k q) + sine[k-1] sin(k q), both (2, n), rad.
+    """
+
+    cosine: Array
+    sine: Array
+
+    @classmethod
+    def drawn(
+        cls, eccentricity: float, ovality: float, joints: int, generator: np.random.Generator
+    ) -> Encoders:
+        """Encoders with these standard deviations (rad) of each harmonic's amplitude."""
+        shape = generator.standard_normal((2, 2, joints)) / np.sqrt(2)
+        scaled = np.array([eccentricity, ovality])[:, None] * shape
+        return cls(frozen(scaled[0]), frozen(scaled[1]))
+
+    def true(self, q: Array) -> Array:
+        """Where the joints are when the encoders read q (N, n), rad."""
+        if not (self.cosine.any() or self.sine.any()):
+            return q
+        turns = q[:, None, :] * np.array([1.0, 2.0])[:, None]
+        error = (self.cosine * np.cos(turns) + self.sine * np.sin(turns)).sum(axis=1)
+        there: Array = q + error
+        return there
+
+    def read(self, q_true: Array) -> Array:
+        """What the encoders read when the joints are at `q_true` (N, n), rad."""
+        q = q_true
+        for _ in range(3):  # errors of 1e-3 rad shrink to nothing
+            q = q_true - (self.true(q) - q)
+        return q

@@ -14,7 +14,9 @@ from selfcenter_probe.psd import PsdDesign
 class ArmMagnitudes:
     """Standard deviations of the D-H parameters (m, rad) and of what the encoders do not see.
 
-    `repeatability` (rad, per joint) is redrawn over `travel` (rad) of the joint.
+    `repeatability` (rad, per joint) is redrawn over `travel` (rad) of the joint. `eccentricity`
+    and `ovality` (rad) are errors of the encoders once and twice per turn. `compliance`
+    (rad/(N m)) is how far each joint bends, for hand-guided arms, behind its encoder.
     """
 
     length: float = 0.0
@@ -22,6 +24,9 @@ class ArmMagnitudes:
     beta: float = 0.0
     repeatability: float = 0.0
     travel: float = 0.05
+    eccentricity: float = 0.0
+    ovality: float = 0.0
+    compliance: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -38,11 +43,32 @@ class GaugeMagnitudes:
     """Standard deviations per coordinate of where the gauge stands (m, rad).
 
     `certificate` is a ratio: true errors of the certificate to its stated uncertainty.
+    `give_level` and `give_vertical` (m/N) are how far a sphere yields to the hand's force, the
+    latter on average over a bar: half as much at its middle, twice at its ends.
     """
 
     translation: float = 0.0
     rotation: float = 0.0
     certificate: float = 0.0
+    give_level: float = 0.0
+    give_vertical: float = 0.0
+
+
+@dataclass(frozen=True)
+class HandMagnitudes:
+    """The operator of a hand-guided arm: forces in N, the rest ratios.
+
+    `seat_force` presses a passive seat on the sphere, `styli_force` is that of an active probe's
+    springs; of either, the share `sideways` is left when both hands balance it level. Each hold of
+    a sphere has a force of its own and changes it, `variation` says by how much. `weight` is
+    what the counterbalance leaves of the arm's weight at the probe.
+    """
+
+    seat_force: float = 0.0
+    styli_force: float = 0.0
+    sideways: float = 1.0
+    variation: float = 0.0
+    weight: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -55,13 +81,16 @@ class Magnitudes:
     probe: ProbeMagnitudes = field(default_factory=ProbeMagnitudes)
     gauge: GaugeMagnitudes = field(default_factory=GaugeMagnitudes)
     psd: PsdDesign = field(default_factory=PsdDesign)
+    hand: HandMagnitudes = field(default_factory=HandMagnitudes)
 
     def without_noise(self) -> Magnitudes:
         """The same world measured perfectly: what a noise-free bag is made from."""
         return replace(
             self,
-            arm=replace(self.arm, repeatability=0.0),
-            gauge=replace(self.gauge, certificate=0.0),
+            arm=replace(
+                self.arm, repeatability=0.0, eccentricity=0.0, ovality=0.0, compliance=0.0
+            ),
+            gauge=replace(self.gauge, certificate=0.0, give_level=0.0, give_vertical=0.0),
             psd=self.psd.perfect(),
         )
 
@@ -72,7 +101,8 @@ def parse_magnitudes(text: str, source: str = 'world') -> Magnitudes:
     Raises:
         DescriptionError: a key is misspelt or has a value of the wrong kind.
     """
-    top = load_mapping(text, source, ('seed', 'noise', 'bound', 'arm', 'probe', 'gauge', 'psd'))
+    keys = ('seed', 'noise', 'bound', 'arm', 'probe', 'gauge', 'psd', 'hand')
+    top = load_mapping(text, source, keys)
     noise = top.text('noise', 'full')
     if noise not in ('full', 'none'):
         raise top.refuse('noise', f"expected 'full' or 'none', got {noise!r}")
@@ -86,6 +116,7 @@ def parse_magnitudes(text: str, source: str = 'world') -> Magnitudes:
         ProbeMagnitudes(**_section(top, 'probe', ProbeMagnitudes)),
         GaugeMagnitudes(**_section(top, 'gauge', GaugeMagnitudes)),
         _psd(top),
+        HandMagnitudes(**_section(top, 'hand', HandMagnitudes)),
     )
     if not world.arm.travel > 0:
         raise top.refuse('arm.travel', 'expected an angle above zero')

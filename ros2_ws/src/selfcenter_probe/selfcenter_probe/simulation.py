@@ -75,7 +75,7 @@ class ProbeSimulation:
         for stamp, q in zip(stamps, joints, strict=True):
             if self._stamp is not None and -self._max_gap <= stamp - self._stamp <= 0:
                 continue
-            true_joints = q + self._repeatability.after(q)
+            true_joints = self._world.encoders.true(q[None])[0] + self._repeatability.after(q)
             due = self._due(stamp)
             at.extend(due)
             postures.append(self._between(due, stamp, true_joints))
@@ -134,7 +134,8 @@ def probe_postures(
         raise DataError(f'expected at least one reading per posture, got {readings}')
     joints = world.arm.check_joints(joints)
     of_joints, of_psds = generator.spawn(2)
-    true_joints = joints + world.repeatability(of_joints).draw(*joints.shape)
+    unseen = world.repeatability(of_joints).draw(*joints.shape)
+    true_joints = world.encoders.true(joints) + unseen
     seen = world.sight(true_joints)
     still = world.contact(seen.p_probe_sphere)
     count, styli = still.displacement.shape

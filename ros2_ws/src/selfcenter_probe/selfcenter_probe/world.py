@@ -16,7 +16,7 @@ from calib_model.parameters import LENGTHS
 from calib_model.probe import STYLI, PassiveProbe, Probe
 from calib_model.rotation import Array, RigidTransform, frozen, rotation_matrix, rotation_vector
 from selfcenter_probe.contact import Contact, Status, seat, touch
-from selfcenter_probe.joint_errors import Repeatability
+from selfcenter_probe.joint_errors import Encoders, Repeatability
 from selfcenter_probe.magnitudes import ArmMagnitudes, Magnitudes
 from selfcenter_probe.psd import Psds
 
@@ -47,6 +47,7 @@ class World:
     sphere: NDArray[np.int64]
     p_base_sphere: Array
     magnitudes: Magnitudes
+    encoders: Encoders
 
     @classmethod
     def drawn(
@@ -66,7 +67,7 @@ class World:
         Raises:
             ContactError: no sphere of the gauge's diameter fits the probe.
         """
-        of_arm, of_probe, of_psds, of_gauge, of_placements = generator.spawn(5)
+        of_arm, of_probe, of_psds, of_gauge, of_placements, of_encoders = generator.spawn(6)
         bound = magnitudes.bound
         mount = moved(
             probe.flange_T_probe, magnitudes.probe.translation, magnitudes.probe.rotation,
@@ -90,6 +91,9 @@ class World:
             np.tile(np.array(gauge.numbers, dtype=np.int64), len(stands)),
             frozen(np.concatenate([stand.apply(centers) for stand in stands])),
             magnitudes,
+            Encoders.drawn(
+                magnitudes.arm.eccentricity, magnitudes.arm.ovality, arm.n, of_encoders
+            ),
         )
 
     def repeatability(self, generator: np.random.Generator) -> Repeatability:

@@ -45,6 +45,8 @@ def test_what_is_left_out_is_zero():
         ('psd: {length: 0}', 'psd.length'),
         ('probe: {translation: big}', 'probe.translation'),
         ('gauge: {certificate: .nan}', 'gauge.certificate'),
+        ('hand: {seat_force: -1}', 'hand.seat_force'),
+        ('hand: {seat_froce: 1}', "is it 'seat_force'"),
     ],
 )
 def test_a_value_that_cannot_be_used_is_named(text, where):
