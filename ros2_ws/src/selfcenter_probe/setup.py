@@ -34,6 +34,7 @@ setup(
     entry_points={
         'console_scripts': [
             'probe = selfcenter_probe.probe_node:main',
+            'hand_guided = selfcenter_probe.hand_guided:main',
         ],
     },
 )
