@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import re
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from mcap.stream_reader import StreamReader
 from calib_model.errors import BagError
 
 # what a damaged file makes the reader and its decompressors raise; a wrong size asks for memory
-_DAMAGE = (
+DAMAGE = (
     McapError, struct.error, ValueError, KeyError, EOFError, OverflowError, RuntimeError,
     MemoryError, zstandard.ZstdError,
 )  # fmt: skip
@@ -52,13 +53,22 @@ def bag_files(path: str | Path) -> list[Path]:
         raise BagError(f'{path}: no such bag')
     if path.is_file():
         return [path]
-    listed = _listed_files(path) or sorted(path.glob('*.mcap'))
+    listed = _listed_files(path) or files_in(path)
     if not listed:
         raise BagError(f'{path}: no .mcap file in this folder')
     for file in listed:
         if not file.is_file():
             raise BagError(f'{path}: metadata.yaml names {file.name}, which is missing')
     return listed
+
+
+def files_in(folder: Path) -> list[Path]:
+    """The MCAP files of a folder in recorded order, whatever its metadata.yaml says."""
+    def recorded(file: Path) -> list[int | str]:
+        parts = re.split(r'(\d+)', file.name)  # rosbag2 counts: _9 comes before _10
+        return [int(part) if part.isdecimal() else part for part in parts]
+
+    return sorted(folder.glob('*.mcap'), key=recorded)
 
 
 def _listed_files(folder: Path) -> list[Path]:
@@ -118,7 +128,7 @@ def _read_file(file: Path, topics: set[str] | None, cut_allowed: bool) -> Iterat
                     finished = True
     except OSError as error:
         raise BagError(f'{file}: cannot be read: {error.strerror}') from error
-    except _DAMAGE as error:
+    except DAMAGE as error:
         if finished:
             return
         cut = isinstance(error, EndOfFile | struct.error) and _lacks_end(file)

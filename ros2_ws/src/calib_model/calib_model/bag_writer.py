@@ -4,59 +4,44 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import yaml
 from mcap.writer import CompressionType, Writer
 
 from calib_model import cdr
+from calib_model.bag_account import Definition, FileAccount, metadata_yaml
 from calib_model.errors import BagError
 from calib_model.topics import Topic
-
-
-@dataclass
-class _Channel:
-    topic: Topic
-    id: int
-    count: int = 0
-
-
-@dataclass
-class _Extent:
-    """First and last log time, ns."""
-
-    first: int = 0
-    last: int = 0
-    seen: bool = field(default=False)
-
-    def add(self, time: int) -> None:
-        self.first = min(self.first, time) if self.seen else time
-        self.last = max(self.last, time) if self.seen else time
-        self.seen = True
 
 
 class BagWriter:
     """A bag being recorded; `path` is its folder, which must not exist.
 
     What was written before the last `flush` is on disk and readable whatever happens next.
+    With `earlier` the folder is a bag of these complete files, and this writes the next one:
+    until the first `flush` the bag stays what it was.
 
     Raises:
         BagError: the folder exists or cannot be made, or the disk is full.
     """
 
-    def __init__(self, path: str | Path, chunk_size: int = 256 * 1024) -> None:
+    def __init__(
+        self, path: str | Path, chunk_size: int = 256 * 1024,
+        earlier: Sequence[FileAccount] = (),
+    ) -> None:  # fmt: skip
         self.path = Path(path)
-        self._channels: dict[str, _Channel] = {}
+        self._earlier = tuple(earlier)
+        self._account = FileAccount(f'{self.path.name}_{len(self._earlier)}.mcap')
+        self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
-        self._extent = _Extent()
-        self._closed = False
-        file = self.path / f'{self.path.name}_0.mcap'
+        self._closed = self._listed = False
         try:
-            self.path.mkdir(parents=True)
-            self._stream = file.open('wb')
+            if not self._earlier:
+                self.path.mkdir(parents=True)
+            self._stream = (self.path / self._account.name).open('wb')
         except FileExistsError:
             raise BagError(f'{self.path}: exists already, a bag is never overwritten') from None
         except OSError as error:
@@ -64,30 +49,58 @@ class BagWriter:
         self._writer = Writer(self._stream, chunk_size, CompressionType.ZSTD)
         with _Disk(self.path):
             self._writer.start(profile='ros2', library='calib_model')
-            self._write_metadata()
+            if not self._earlier:
+                self._write_metadata()
 
     def write(self, topic: Topic, data: bytes, log_time: int, publish_time: int) -> None:
         """Add one message, CDR `data` with its 4-byte header; times in ns."""
-        with _Disk(self.path):
-            channel = self._channels.get(topic.name) or self._open_channel(topic)
-            self._writer.add_message(channel.id, log_time, data, publish_time, channel.count)
-        channel.count += 1
-        self._extent.add(log_time)
+        if topic.name not in self._channels:
+            self.define(Definition.of(topic))
+        self.add(topic.name, data, log_time, publish_time)
 
     def write_message(self, topic: Topic, message: Any, time: int) -> None:
         """Add a message made by `calib_model.cdr`, received when it was sent (ns)."""
         self.write(topic, cdr.encode(message), time, time)
+
+    def define(self, definition: Definition) -> None:
+        """Open the channel of a topic, once."""
+        if definition.topic in self._channels:
+            return
+        with _Disk(self.path):
+            if definition.type not in self._schemas:
+                self._schemas[definition.type] = self._writer.register_schema(
+                    definition.type, definition.encoding, definition.schema
+                )
+            self._channels[definition.topic] = self._writer.register_channel(
+                definition.topic, 'cdr', self._schemas[definition.type],
+                definition.channel_metadata(),
+            )  # fmt: skip
+        self._account.definitions[definition.topic] = definition
+
+    def add(self, topic: str, data: bytes, log_time: int, publish_time: int) -> None:
+        """Add one message to a topic that was defined."""
+        count = self._account.counts.get(topic, 0)
+        with _Disk(self.path):
+            self._writer.add_message(self._channels[topic], log_time, data, publish_time, count)
+        self._account.add(topic, log_time)
+
+    def note(self, name: str, content: dict[str, str]) -> None:
+        """Add a metadata record of the MCAP: settings and the like, not seen as messages."""
+        with _Disk(self.path):
+            self._writer.add_metadata(name, content)
 
     def flush(self) -> None:
         """Put everything written so far on disk, in a complete chunk."""
         with _Disk(self.path):
             self._writer.flush()
             os.fsync(self._stream.fileno())
+            if self._earlier and not self._listed:
+                self._write_metadata()
 
-    def close(self) -> None:
-        """Write index and metadata; further calls do nothing."""
+    def close(self) -> FileAccount:
+        """Write index and metadata; further calls do nothing. Returns what the file holds."""
         if self._closed:
-            return
+            return self._account
         self._closed = True
         try:
             with _Disk(self.path):
@@ -97,6 +110,7 @@ class BagWriter:
                 self._write_metadata()
         finally:
             self._stream.close()
+        return self._account
 
     def __enter__(self) -> BagWriter:
         return self
@@ -109,58 +123,9 @@ class BagWriter:
     ) -> None:
         self.close()
 
-    def _open_channel(self, topic: Topic) -> _Channel:
-        if topic.type not in self._schemas:
-            text = cdr.schema_text(topic.type)
-            self._schemas[topic.type] = self._writer.register_schema(topic.type, 'ros2msg', text)
-        # the same text as in metadata.yaml: readers drop topics where the two differ
-        qos = yaml.safe_dump(topic.offered_qos(), sort_keys=False)
-        channel_id = self._writer.register_channel(
-            topic.name, 'cdr', self._schemas[topic.type],
-            {'offered_qos_profiles': qos, 'topic_type_hash': cdr.type_hash(topic.type)},
-        )  # fmt: skip
-        channel = self._channels[topic.name] = _Channel(topic, channel_id)
-        return channel
-
     def _write_metadata(self) -> None:
-        text = yaml.safe_dump(
-            {'rosbag2_bagfile_information': self._metadata()}, sort_keys=False, width=1000
-        )
-        write_whole(self.path / 'metadata.yaml', text)
-
-    def _metadata(self) -> dict[str, Any]:
-        name = f'{self.path.name}_0.mcap'
-        span = {
-            'starting_time': {'nanoseconds_since_epoch': self._extent.first},
-            'duration': {'nanoseconds': self._extent.last - self._extent.first},
-            'message_count': sum(channel.count for channel in self._channels.values()),
-        }
-        topics = [
-            {
-                'topic_metadata': {
-                    'name': channel.topic.name,
-                    'type': channel.topic.type,
-                    'serialization_format': 'cdr',
-                    'offered_qos_profiles': channel.topic.offered_qos(),
-                    'type_description_hash': cdr.type_hash(channel.topic.type),
-                },
-                'message_count': channel.count,
-            }
-            for channel in self._channels.values()
-        ]
-        return {
-            'version': 9,
-            'storage_identifier': 'mcap',
-            **{key: span[key] for key in ('duration', 'starting_time', 'message_count')},
-            'topics_with_message_count': topics,
-            'compression_format': '',
-            'compression_mode': '',
-            'relative_file_paths': [name],
-            'files': [{'path': name, **{key: dict(value) if isinstance(value, dict) else value
-                                        for key, value in span.items()}}],
-            'custom_data': None,
-            'ros_distro': 'jazzy',
-        }  # fmt: skip
+        self._listed = True
+        write_whole(self.path / 'metadata.yaml', metadata_yaml((*self._earlier, self._account)))
 
 
 class _Disk:
