@@ -13,7 +13,7 @@ ifdef PYTHON
 export PYTHON
 endif
 
-.PHONY: setup demo test lint bench clean
+.PHONY: setup demo test lint bench studies clean
 
 setup:
 	@tools/setup.sh
@@ -30,6 +30,12 @@ test: lint
 
 bench: setup
 	@source ./env.bash && python -m benchmarks.run
+
+# Each writes its table to studies/results; all together take some minutes on 2 cores.
+STUDIES := coverage recovery robustness probe_fit prior
+
+studies: setup
+	@source ./env.bash && for name in $(STUDIES); do python -m studies.$$name || exit 1; done
 
 clean:
 	rm -rf .venv ros2_ws/build ros2_ws/install ros2_ws/log output

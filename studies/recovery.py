@@ -136,11 +136,13 @@ def table(count: int) -> list[str]:
             rows.append([
                 f'{name}, {probe}', str(len(of)),
                 *(str(verdicts[verdict]) for verdict in ('right', 'said', 'WRONG')),
-                f'{worst:.1e}',
+                str(sum(one.converged for one in of)), f'{worst:.1e}',
                 f'{np.median([one.iterations for one in of]):.0f}',
                 str(max(one.iterations for one in of)),
             ])  # fmt: skip
-    header = ['', 'arms', 'right', 'said', 'WRONG', 'worst right, m', 'iterations', 'most']
+    header = [
+        '', 'arms', 'right', 'said', 'WRONG', 'converged', 'worst right, m', 'iterations', 'most'
+    ]  # fmt: skip
     lines = [f'{count} arms', '', *columns(header, rows)]
     others = [one for one in every if one.verdict != 'right']
     if others:

@@ -165,8 +165,11 @@ def measure(
     true_gauge = off_gauge(bench.gauge, generator, noise.certificate)
     targets = _targets(bench, true_gauge)
     pool = _pool(bench)
-    chosen = np.array([generator.permutation(POOL)[:poses] for _ in targets])
+    chosen = np.array([_chosen(generator, poses) for _ in targets])
     q = np.take_along_axis(pool, chosen[:, :, None], axis=1).reshape(-1, arm.n)
+    if poses > POOL:
+        # the same posture comes several times: near it is another one
+        q = q + 0.03 * generator.normal(size=q.shape)
     centers = seated(bench.probe, generator, len(q))
     wanted = np.repeat(targets, poses, axis=0)
     q, arrived = reach(arm, q, mount.apply(centers), wanted)
@@ -187,6 +190,12 @@ def measure(
     taken = ProbingSet.of(location, sphere, q, displacement)
     measured = Measurement(bench.arm, bench.probe, bench.gauge, taken, 'simulated')
     return Scene(arm, mount, measured)
+
+
+def _chosen(generator: np.random.Generator, poses: int) -> np.ndarray:
+    """Which of the postures known for a sphere are taken, each once where there are enough."""
+    rounds = -(-poses // POOL)
+    return np.concatenate([generator.permutation(POOL) for _ in range(rounds)])[:poses]
 
 
 def _targets(bench: Bench, gauge: Gauge) -> Array:
