@@ -9,15 +9,19 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from calib_capture.bodies import BodySettings, parse_bodies
 from calib_capture.configuration import configured, explained, number_within
 from calib_capture.messages import described
 from calib_capture.pairing import SteadySettings
 from calib_capture.program import ProgramSettings
 from calib_capture.run import RunSettings
+from calib_model.description import read_description
 from calib_model.errors import ParameterError
 from calib_model.placement import parse_placements
 from calib_model.rotation import RigidTransform
 
+_APPROACH = "m along the probe's axis that must be free before every pose"
+_POOL = 'candidates for every pose, of which the most telling are taken; 1: as they come'
 DESCRIBED = ('arm', 'probe', 'gauge')
 
 
@@ -81,8 +85,20 @@ class ParameterReader:
             ),
             cap=np.radians(self._number('cap', 70.0, text, 0.0, 180.0)),
             offset=(float(offsets[0]), float(offsets[1])),
+            approach=self._number('approach', default.approach, _APPROACH, 0.0, 1.0),
+            drive_approach=bool(self._node.declare_parameter(
+                'drive_approach', default.drive_approach,
+                described('whether the arm comes and leaves by that way'),
+            ).value),
+            pool=self._whole('pool', default.pool, _POOL, 1, 1000),
+            bodies=self._bodies(),
             seed=self._whole('seed', default.seed, 'of the program', 0, 2**62),
         )
+
+    def _bodies(self) -> BodySettings:
+        text = 'path of a YAML file: sizes of arm, probe and gauge; empty: from the descriptions'
+        path = self._text('bodies', '', text)
+        return read_description(path, parse_bodies) if path else BodySettings()
 
     def _steady(self) -> SteadySettings:
         default = SteadySettings()

@@ -8,12 +8,16 @@ from functools import cache
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
+from geometry_msgs.msg import Point, Vector3
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header
+from std_msgs.msg import ColorRGBA, Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from visualization_msgs.msg import Marker as MarkerMessage
+from visualization_msgs.msg import MarkerArray
 
+from calib_capture.markers import SPHERES, Color, Marker
 from calib_capture.trajectory import Trajectory
 from calib_model.rotation import Array
 from calib_model.topics import Topic
@@ -90,3 +94,29 @@ def points_of(message: JointTrajectory) -> tuple[list[float], list[list[float]]]
     times = [point.time_from_start for point in message.points]
     seconds = [time.sec + time.nanosec / SECOND for time in times]
     return seconds, [list(point.positions) for point in message.points]
+
+
+def marker_array(frame: str, markers: Sequence[Marker]) -> MarkerArray:
+    """Shapes for RViz in the frame of the arm's base, in place of all that were there before."""
+    header = Header(frame_id=frame)
+    first = MarkerMessage(header=header, action=MarkerMessage.DELETEALL)
+    return MarkerArray(markers=[first, *(_marker(header, marker) for marker in markers)])
+
+
+def _marker(header: Header, marker: Marker) -> MarkerMessage:
+    spheres = marker.kind == SPHERES
+    width = marker.size
+    message = MarkerMessage(
+        header=header, ns=marker.group, id=marker.number, action=MarkerMessage.ADD,
+        type=MarkerMessage.SPHERE_LIST if spheres else MarkerMessage.LINE_LIST,
+        scale=Vector3(x=width, y=width, z=width) if spheres else Vector3(x=width),
+        color=_color(marker.color),
+        points=[Point(x=x, y=y, z=z) for x, y, z in marker.points.tolist()],
+    )  # fmt: skip
+    message.pose.orientation.w = 1.0
+    return message
+
+
+def _color(color: Color) -> ColorRGBA:
+    red, green, blue, opacity = color
+    return ColorRGBA(r=red, g=green, b=blue, a=opacity)

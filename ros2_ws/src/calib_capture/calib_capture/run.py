@@ -104,6 +104,7 @@ class MeasuringRun:
         self._held = 0.0
         self._goal: Array | None = None
         self._left = True  # whether it has moved since it was told to
+        self._last: PlannedPose | None = None  # the last one it was told to go to
         self._sign_of_life = self._progress = self._start = now
 
     @property
@@ -138,7 +139,7 @@ class MeasuringRun:
         return bool(there) and self._left and held and len(self._open) <= self.settings.batch
 
     def _way(self, poses: list[PlannedPose]) -> Trajectory:
-        """To each pose and a rest there; approach and retract have their place here."""
+        """To each pose by its approach, a rest there, and back by the same way."""
         assert self._here is not None
         seconds, positions, now, here = [], [], 0.0, self._here
         velocity = self.settings.speed * self._arm.velocity
@@ -147,12 +148,23 @@ class MeasuringRun:
             now = SHORTEST_MOVE
             seconds, positions = [now], [here]
         for pose in poses:
-            way = float(travel_time(here, pose.joints[None], velocity)[0])
-            now += max(way, SHORTEST_MOVE)
-            seconds += [now, now + self.settings.hold]
-            positions += [pose.joints, pose.joints]
-            now, here = now + self.settings.hold, pose.joints
+            for point in (*self._retract(here), *pose.approach, pose.joints):
+                now += max(float(travel_time(here, point[None], velocity)[0]), SHORTEST_MOVE)
+                seconds.append(now)
+                positions.append(point)
+                here = point
+            now += self.settings.hold
+            seconds.append(now)
+            positions.append(here)
+            self._last = pose
         return Trajectory(np.array(seconds), np.array(positions))
+
+    def _retract(self, here: Array) -> list[Array]:
+        """The way back from the last pose, when that is where the arm is."""
+        last = self._last
+        if last is None or np.abs(here - last.joints).max() > self.settings.tolerance:
+            return []
+        return list(last.approach[::-1])
 
     def _aside(self, here: Array) -> Array:
         """A posture close by: an arm that never left makes no new stop."""

@@ -54,6 +54,28 @@ def run(kr5, program):
     return run
 
 
+def test_an_arm_comes_and_leaves_by_the_approach_also_from_batch_to_batch(kr5):
+    def pose(i):
+        way = np.array([[0.1 * i + 0.02] * 6, [0.1 * i + 0.01] * 6])
+        return PlannedPose(1, 1, np.full(6, 0.1 * i), np.zeros(3), way)
+
+    poses = tuple(pose(i) for i in range(1, 5))
+    program = Program((SpherePlan(1, 1, poses, (), 4, 0),))
+    run = MeasuringRun(kr5, program, RunSettings(batch=2), 0.0)
+    run.see(np.zeros(6), 0, 0.0)
+    first = run.next_trajectory(0.0)
+    assert first.positions[:, 0] == pytest.approx(
+        [0.12, 0.11, 0.1, 0.1, 0.11, 0.12, 0.22, 0.21, 0.2, 0.2]
+    )
+    assert (np.diff(first.seconds) > 0).all()
+    for i in (1, 2):
+        run.take(answered(np.full(6, 0.1 * i)), 1.0)
+    run.see(np.full(6, 0.2), 0, 1.0)
+    run.see(np.full(6, 0.2), 10**9, 1.0)
+    second = run.next_trajectory(2.0)
+    assert second.positions[:4, 0] == pytest.approx([0.21, 0.22, 0.32, 0.31])
+
+
 def answered(joints):
     return SteadyPose(1, joints, np.zeros(3), 3)
 

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`ros2 run calib_capture plan`: the measuring program, to look at before it runs."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from calib_capture.bodies import BodySettings, parse_bodies
+from calib_capture.configuration import FILES, configured
+from calib_capture.inspection import program_text
+from calib_capture.program import Planner, Program, ProgramSettings
+from calib_model.command import CommandParser, UsageError, run_command
+from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
+from calib_model.placement import parse_placements
+
+ABOUT = """\
+Plan the measuring program that `capture` with the same settings would run, and tell of it: how
+many poses each sphere gets in which branch of the arm, which postures were refused and why, and
+how sure positions are to be expected after a calibration with these poses."""
+
+EXAMPLE = """\
+example:
+  ros2 run calib_capture plan --locations 1 2 --poses 20 --pool 5"""
+
+
+def main() -> int:
+    """The command."""
+    return run_command(_plan)
+
+
+def _plan() -> None:
+    given = _parser().parse_args()
+    for line in program_text(planned(given)):
+        print(line)
+
+
+def planned(given: argparse.Namespace) -> Program:
+    """The program of the command's arguments.
+
+    Raises:
+        DescriptionError: a file cannot be used.
+        ProgramError: there is no such program; says which spheres are out of reach.
+    """
+    arm = configured('arm', given.arm, parse_arm)
+    probe = configured('probe', given.probe, parse_probe)
+    gauge = configured('gauge', given.gauge, parse_gauge)
+    placements = configured('placements', given.placements, parse_placements)
+    bodies = read_description(given.bodies, parse_bodies) if given.bodies else BodySettings()
+    default = ProgramSettings()
+    settings = ProgramSettings(
+        spheres=tuple(given.spheres or default.spheres),
+        poses_per_sphere=_positive('poses', given.poses),
+        cap=np.radians(given.cap),
+        approach=given.approach,
+        pool=_positive('pool', given.pool),
+        bodies=bodies,
+        seed=given.seed,
+    )
+    return Planner(arm, probe, gauge, settings).program(placements, given.locations or ())
+
+
+def _positive(name: str, number: int) -> int:
+    if number < 1:
+        raise UsageError(f'plan: --{name}: expected a number from 1, got {number}')
+    return number
+
+
+def _parser() -> CommandParser:
+    default = ProgramSettings()
+    parser = CommandParser('plan', ABOUT, EXAMPLE)
+    for name, (file, what) in FILES.items():
+        text = f'{what} (default: {file} of calib_bringup)'
+        parser.add_argument(f'--{name}', default='', metavar='FILE.yaml', help=text)
+    parser.add_argument(
+        '--locations', type=int, nargs='+', metavar='N', help='to visit (default: all)'
+    )
+    parser.add_argument(
+        '--spheres', type=int, nargs='+', metavar='N',
+        help=f'to probe (default: {" ".join(map(str, default.spheres))})',
+    )  # fmt: skip
+    parser.add_argument(
+        '--poses', type=int, default=default.poses_per_sphere, metavar='N',
+        help='postures around each sphere (default: %(default)s)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--pool', type=int, default=default.pool, metavar='N',
+        help='candidates for each pose, of which the most telling are taken (default: %(default)s)',
+    )  # fmt: skip
+    parser.add_argument(
+        '--cap', type=float, default=70.0, metavar='DEG',
+        help="around the gauge's z axis from which spheres are probed (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        '--approach', type=float, default=default.approach, metavar='M',
+        help="way along the probe's axis that must be free (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        '--bodies', type=Path, metavar='FILE.yaml', help='sizes of arm, probe and gauge'
+    )
+    parser.add_argument('--seed', type=int, default=default.seed, metavar='N')
+    return parser
+
+
+if __name__ == '__main__':
+    sys.exit(main())
