@@ -35,8 +35,10 @@ setup(
         'console_scripts': [
             'arm = calib_capture.arm_node:main',
             'capture = calib_capture.capture_node:main',
+            'plan = calib_capture.plan:main',
             'replay = calib_capture.replay_node:main',
             'import_csv = calib_capture.import_csv:main',
+            'recover = calib_capture.recover:main',
         ],
     },
 )

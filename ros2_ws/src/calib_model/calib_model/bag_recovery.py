@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Getting out of a damaged bag what is whole in it: every complete chunk."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import yaml
+from mcap.records import (
+    Channel,
+    Chunk,
+    DataEnd,
+    McapRecord,
+    Message,
+    MessageIndex,
+    Metadata,
+    Schema,
+    Statistics,
+)
+from mcap.stream_reader import StreamReader, breakup_chunk
+
+from calib_model.bag_account import Definition, FileAccount, metadata_yaml
+from calib_model.bag_reader import DAMAGE, LARGEST_RECORD, bag_files, files_in
+from calib_model.bag_writer import BagWriter, write_whole
+from calib_model.errors import BagError
+
+
+@dataclass
+class Recovery:
+    """What came back of a bag, by topic, and what did not.
+
+    `lost` counts messages that the file itself says are missing; `unread` are bytes at the end of
+    which nothing could be made. `open_ends` are files without an end: what their recorder had not
+    yet written, nobody can know.
+    """
+
+    counts: dict[str, int] = field(default_factory=dict)
+    lost: int = 0
+    damaged_chunks: int = 0
+    unread: int = 0
+    open_ends: int = 0
+
+    @property
+    def messages(self) -> int:
+        """How many messages came back."""
+        return sum(self.counts.values())
+
+    @property
+    def lossy(self) -> bool:
+        """Whether anything is missing, or may be."""
+        return bool(self.lost or self.damaged_chunks or self.open_ends)
+
+    def loss(self) -> str:
+        """What is missing, in words."""
+        parts = []
+        if self.damaged_chunks:
+            s = 's' if self.damaged_chunks > 1 else ''
+            parts.append(f'{self.damaged_chunks} damaged chunk{s}')
+        if self.lost:
+            parts.append(f'{self.lost} message{"s" if self.lost > 1 else ""} known to be missing')
+        if self.open_ends:
+            parts.append(f'no end of the recording, {self.unread} bytes of an unfinished chunk')
+        return '; '.join(parts) or 'nothing'
+
+
+def recover(bad: str | Path, out: str | Path) -> Recovery:
+    """Copy what is whole in the bag `bad` to a new bag `out`, made whole or not at all.
+
+    Raises:
+        BagError: no bag at `bad`, nothing in it to be had, or `out` exists or cannot be written.
+    """
+    bad, out = Path(bad), Path(out)
+    if out.exists() or out.is_symlink():
+        raise BagError(f'{out}: exists already, a bag is never overwritten')
+    files, found = _files_of(bad), Recovery()
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix='.recover-', dir=out.parent) as part:
+            with BagWriter(Path(part) / out.name, chunk_size=1 << 20) as bag:
+                for file in files:
+                    _copy(file, bag, found)
+            if not found.messages:
+                raise BagError(f'{bad}: no complete chunk in it, nothing can be recovered')
+            bag.path.rename(out)
+    except OSError as error:
+        raise BagError(f'{out}: cannot be written: {error.strerror}') from error
+    return found
+
+
+def repair(bag: str | Path) -> list[FileAccount]:
+    """Make every file of a bag's folder complete, in its place; what each then holds.
+
+    A file is exchanged for its recovered copy in one step, so that a repair cut short does no
+    harm. Files with nothing in them are taken away. Files that are complete stay as they are.
+
+    Raises:
+        BagError: not a folder with MCAP files, or it cannot be written.
+    """
+    folder = Path(bag)
+    if not folder.is_dir():
+        raise BagError(f'{folder}: no such bag')
+    accounts = []
+    try:
+        for file in files_in(folder):
+            account = _repaired(file)
+            if account.messages:
+                accounts.append(account)
+            else:
+                file.unlink()
+        if accounts:
+            write_whole(folder / 'metadata.yaml', metadata_yaml(accounts))
+    except OSError as error:
+        raise BagError(f'{folder}: cannot be written: {error.strerror}') from error
+    return accounts
+
+
+def _repaired(file: Path) -> FileAccount:
+    with tempfile.TemporaryDirectory(prefix='.repair-', dir=file.parent) as part:
+        found, copy = Recovery(), BagWriter(Path(part) / 'copy')
+        with copy:
+            _copy(file, copy, found)
+        account = copy.close()
+        if found.lossy and found.messages:
+            (copy.path / account.name).replace(file)
+    account.name = file.name
+    return account
+
+
+def _files_of(bad: Path) -> list[Path]:
+    try:
+        return bag_files(bad)
+    except BagError:
+        # a metadata.yaml that was not finished either: the files speak for themselves
+        files = files_in(bad) if bad.is_dir() else []
+        if not files:
+            raise
+        return files
+
+
+@dataclass
+class _Known:
+    """What a file has said of itself so far."""
+
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    messages: int = 0
+    damaged: bool = False
+    ended: bool = False
+
+
+def _copy(file: Path, bag: BagWriter, found: Recovery) -> None:
+    """Copy every message of a file that can be read, and count the rest."""
+    known, indexed, told = _Known(), 0, -1
+    used = 0
+    try:
+        with file.open('rb') as stream:
+            reader = StreamReader(stream, emit_chunks=True, record_size_limit=LARGEST_RECORD)
+            for record in _until_damage(reader):
+                used = stream.tell()
+                if isinstance(record, Chunk):
+                    known.damaged = not _copy_chunk(record, bag, known, found)
+                elif isinstance(record, MessageIndex) and known.damaged:
+                    indexed += len(record.records)
+                elif isinstance(record, Statistics):
+                    told = record.message_count
+                elif isinstance(record, DataEnd):
+                    known.ended = True
+                else:
+                    _copy_record(record, bag, known, found)
+    except OSError as error:
+        raise BagError(f'{file}: cannot be read: {error.strerror}') from error
+    found.lost += max(indexed, told - known.messages)
+    if not known.ended:
+        found.open_ends += 1
+        found.unread += file.stat().st_size - used
+
+
+def _until_damage(reader: StreamReader) -> Iterator[McapRecord]:
+    try:
+        yield from reader.records
+    except DAMAGE:
+        return
+
+
+def _copy_chunk(chunk: Chunk, bag: BagWriter, known: _Known, found: Recovery) -> bool:
+    """Copy a chunk, all of it or, when it is damaged, nothing; returns whether it was whole."""
+    try:
+        records = breakup_chunk(chunk, validate_crc=True)
+    except DAMAGE:
+        found.damaged_chunks += 1
+        return False
+    for record in records:
+        _copy_record(record, bag, known, found)
+    return True
+
+
+def _copy_record(record: McapRecord, bag: BagWriter, known: _Known, found: Recovery) -> None:
+    if isinstance(record, Schema):
+        known.schemas[record.id] = record
+    elif isinstance(record, Channel):
+        known.channels[record.id] = record
+    elif isinstance(record, Metadata):
+        bag.note(record.name, record.metadata)
+    elif isinstance(record, Message) and record.channel_id in known.channels:
+        channel = known.channels[record.channel_id]
+        bag.define(_definition(channel, known.schemas.get(channel.schema_id)))
+        bag.add(channel.topic, record.data, record.log_time, record.publish_time)
+        known.messages += 1
+        found.counts[channel.topic] = found.counts.get(channel.topic, 0) + 1
+
+
+def _definition(channel: Channel, schema: Schema | None) -> Definition:
+    try:
+        qos = yaml.safe_load(channel.metadata.get('offered_qos_profiles', ''))
+    except yaml.YAMLError:
+        qos = None
+    return Definition(
+        channel.topic,
+        schema.name if schema is not None else '',
+        schema.data if schema is not None else b'',
+        schema.encoding if schema is not None else '',
+        qos if isinstance(qos, list) else [],
+        channel.metadata.get('topic_type_hash', ''),
+    )
