@@ -7,16 +7,22 @@ import math
 from typing import Any
 
 from calib_interfaces.msg import (
+    CrossValidation,
     Diagnostics,
     DistanceQuality,
     IdentifiedParameter,
     PositionQuality,
+    PriorChoice,
     ProbedSphere,
     ProbeFitReport,
     Quality,
     RejectedPose,
+    Repetitions,
+    ResampledParameter,
+    Resampling,
     RigidTransform,
     SolverReport,
+    TriedStrength,
     TwoSigmaQuality,
 )
 
@@ -85,4 +91,19 @@ def rejected(records: list[Record]) -> list[RejectedPose]:
 
 def diagnostics(record: Record) -> Diagnostics:
     """The fit's account of itself."""
-    return filled(Diagnostics(), record)
+    message = filled(Diagnostics(), {**record, 'prior': PriorChoice()})
+    message.prior.strength = record['prior']['strength']
+    chosen = record['prior']['cross_validation']
+    if chosen is not None:
+        tried = [filled(TriedStrength(), one) for one in chosen['tried']]
+        message.prior.cross_validation = filled(CrossValidation(), {**chosen, 'tried': tried})
+    return message
+
+
+def resampling(record: Record) -> Resampling:
+    """Identifications made again; a kind that was not asked for has no repetitions."""
+    kinds = {
+        kind: filled(Repetitions(), record[kind] or {}) for kind in ('monte_carlo', 'bootstrap')
+    }
+    parameters = [filled(ResampledParameter(), one) for one in record['parameters']]
+    return filled(Resampling(), {**record, **kinds, 'parameters': parameters})

@@ -19,8 +19,9 @@ from calib_solver import messages
 from calib_solver.evaluate import evaluation_record
 from calib_solver.fitting import fit_from
 from calib_solver.identification import Options
-from calib_solver.loading import Sources, bag_list, calibrate
+from calib_solver.loading import Effort, Sources, bag_list, calibrate
 from calib_solver.prior import chosen_prior
+from calib_solver.resampling import Plan
 
 THREADS = 4
 
@@ -66,7 +67,11 @@ class SolverNode(Node):
             chosen_prior(request.prior),
             request.loss or Options.loss,
         )
-        finished = calibrate(_sources(request), options, bag_list(request.test), request.output)
+        plan = Plan(request.monte_carlo, request.bootstrap, request.seed)
+        finished = calibrate(
+            _sources(request), options, bag_list(request.test), request.output,
+            Effort(plan, request.scheduler),
+        )  # fmt: skip
         record = finished.record
         response.arm, response.objective = record['arm'], record['objective']
         response.parameters = messages.parameters(record['parameters'])
@@ -83,6 +88,9 @@ class SolverNode(Node):
             response.probe_fit = messages.probe_fit(record['probe_fit'])
         response.rejected = messages.rejected(record['rejected'])
         response.diagnostics = messages.diagnostics(record['diagnostics'])
+        if record['resampling'] is not None:
+            response.has_resampling = True
+            response.resampling = messages.resampling(record['resampling'])
         response.warnings = record['warnings']
         response.written = [str(path) for path in finished.written]
         response.message = finished.verdict

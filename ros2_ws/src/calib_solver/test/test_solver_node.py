@@ -122,6 +122,8 @@ def same(message, record, where=''):
             assert len(field) == len(value), place
             for one, row in zip(field, value, strict=True):
                 same(one, row, place)
+        elif value is None and hasattr(field, 'get_fields_and_field_types'):
+            assert field == type(field)(), place
         elif value is None:
             assert not field or math.isnan(field), place
         elif isinstance(value, list):
@@ -151,6 +153,19 @@ def test_identify_answers_what_the_command_writes(ask, files, tmp_path):
     assert sorted(answer.written) == sorted(map(str, (tmp_path / 'node').iterdir()))
     assert answer.identified.distance.count == 24
     assert answer.identified.phi < answer.initial.phi / 100
+
+
+def test_repetitions_and_a_chosen_prior_are_those_of_the_command(ask, files):
+    bag = str(files / 'bag')
+    answer = ask(Identify, bag=bag, prior='auto', monte_carlo=3, seed=4)
+    assert answer.success, answer.message
+    record = run([bag, '--prior', 'auto', '--monte-carlo', '3', '--seed', '4']).record
+    record['resampling']['monte_carlo'].pop('seconds')
+    assert answer.has_resampling
+    assert answer.resampling.monte_carlo.repetitions == 3
+    assert len(answer.diagnostics.prior.cross_validation.tried) == 5
+    same(answer.resampling, record['resampling'])
+    same(answer.diagnostics, record['diagnostics'])
 
 
 def test_options_of_a_request_are_those_of_the_command(ask, files):
