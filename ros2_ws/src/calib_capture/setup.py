@@ -39,6 +39,7 @@ setup(
             'replay = calib_capture.replay_node:main',
             'import_csv = calib_capture.import_csv:main',
             'recover = calib_capture.recover:main',
+            'pair = calib_capture.pair:main',
         ],
     },
 )

@@ -116,8 +116,9 @@ class CaptureNode(Node):
     def begin(self, program: Program) -> CaptureSession:
         """Open the bag and start the run."""
         recorder = Recorder(
-            self.asked.output, self._arm, self._probe, self._gauge, self._announce, time.time_ns()
-        )
+            self.asked.output, self._arm, self._probe, self._gauge, self._announce, time.time_ns(),
+            self.asked.steady,
+        )  # fmt: skip
         run = MeasuringRun(self._arm, program, self.asked.run, time.monotonic())
         self._session = CaptureSession(
             run, Pairing(self.asked.steady), recorder, self._arm.base_frame,

@@ -13,7 +13,7 @@ from pathlib import Path
 import yaml
 import zstandard
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
-from mcap.records import Channel, Footer, Message, Schema, Statistics
+from mcap.records import Channel, Footer, Message, Metadata, Schema, Statistics
 from mcap.stream_reader import StreamReader
 
 from calib_model.errors import BagError
@@ -100,6 +100,29 @@ def read_messages(
     """
     for file in bag_files(path):
         yield from _read_file(file, topics, cut_allowed)
+
+
+def read_note(path: str | Path, name: str) -> dict[str, str]:
+    """The last metadata record of that name in a bag's files; empty when there is none.
+
+    Raises:
+        BagError: there is no bag at `path`, or it cannot be read.
+    """
+    found: dict[str, str] = {}
+    for file in bag_files(path):
+        try:
+            with file.open('rb') as stream:
+                reader = StreamReader(
+                    stream, emit_chunks=True, record_size_limit=LARGEST_RECORD
+                )
+                for record in reader.records:
+                    if isinstance(record, Metadata) and record.name == name:
+                        found = dict(record.metadata)
+        except OSError as error:
+            raise BagError(f'{file}: cannot be read: {error.strerror}') from error
+        except DAMAGE:
+            continue  # cut short: what came before counts
+    return found
 
 
 def _read_file(file: Path, topics: set[str] | None, cut_allowed: bool) -> Iterator[BagMessage]:

@@ -1,0 +1,269 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pairing done again from the raw topics of a bag."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from calib_capture.pairing import (
+    SECOND,
+    JointSample,
+    Outcome,
+    Pairing,
+    Reading,
+    Refusal,
+    SteadyPose,
+    SteadySettings,
+)
+from calib_model import cdr
+from calib_model.arm import Arm
+from calib_model.bag_reader import BagMessage, read_messages
+from calib_model.description import parse_arm, parse_gauge, parse_probe
+from calib_model.errors import BagError, ContactError
+from calib_model.gauge import Gauge
+from calib_model.kinematics import points
+from calib_model.probe import Probe
+from calib_model.probing import Measurement, ProbingSet
+from calib_model.rotation import Array, RigidTransform
+from calib_model.topics import (
+    ARM_DESCRIPTION,
+    CAPTURE_POSES,
+    DESCRIPTIONS,
+    GAUGE_DESCRIPTION,
+    JOINT_STATES,
+    PROBE_DESCRIPTION,
+    PROBE_DISPLACEMENTS,
+    Topic,
+)
+
+T = TypeVar('T')
+Label = tuple[int, int]  # location and sphere
+SAME_POSTURE = 2e-3  # rad: what a run takes for the planned pose
+SAME_STOP = 0.5  # s beyond the window: other settings find another instant of the same stop
+STEP_BACK = 1.0  # s: stamps that fall back by more come from an arm that was started anew
+NEAR = 0.010  # m: how far off a sphere's nominal centre an arm not yet calibrated may see it
+
+
+@dataclass
+class Repeated:
+    """What came of pairing anew.
+
+    `recorded` poses were in the bag, of which `missed` have no pose now. `unknown` counts stops
+    that were paired and belong to no sphere, `refused` stops by their reason.
+    """
+
+    measured: Measurement
+    recorded: int
+    missed: int
+    unknown: int
+    refused: Counter[str] = field(default_factory=Counter)
+    too_late: int = 0
+
+    def lines(self) -> list[str]:
+        """The counts in words."""
+        lines = []
+        if self.recorded:
+            lines.append(f'{self.recorded} poses were recorded, {self.missed} have no pose now')
+        if self.unknown:
+            lines.append(f'{self.unknown} stops belong to no sphere')
+        if self.refused:
+            why = ', '.join(f'{count} {reason}' for reason, count in self.refused.most_common())
+            lines.append(f'{sum(self.refused.values())} stops refused: {why}')
+        if self.too_late:
+            lines.append(f'{self.too_late} messages came too late for their place')
+        return lines
+
+
+@dataclass(frozen=True)
+class _Raw:
+    """What a bag holds, decoded: descriptions, streams in recorded order, recorded poses."""
+
+    arm: Arm
+    probe: Probe
+    gauge: Gauge
+    stream: list[JointSample | Reading]
+    poses: list[Any]
+
+
+def repeat_pairing(
+    path: Path, settings: SteadySettings, placements: Mapping[int, RigidTransform] | None = None
+) -> Repeated:
+    """The poses of a bag paired anew with `settings`, in time order.
+
+    The recorded poses say which sphere each belongs to; with `placements` (`T_base_gauge`) the
+    nominal centres of the spheres do.
+
+    Raises:
+        BagError: no bag, a topic missing or not readable, or no pose comes of it.
+        DescriptionError: a description in the bag cannot be used.
+        DataError: poses that do not fit the descriptions.
+    """
+    raw = _read(path)
+    if not raw.poses and placements is None:
+        raise BagError(
+            f'{path}: no {CAPTURE_POSES.name} to say which spheres were probed, '
+            'say where the gauge stood (--placements)'
+        )
+    outcomes, too_late = _paired(raw.stream, settings)
+    steady = sorted(
+        (each for each in outcomes if isinstance(each, SteadyPose)), key=lambda each: each.stamp
+    )
+    if placements is None:
+        labels = _Recorded(raw.poses, settings).labels(steady)
+    else:
+        labels = _Nominal(raw, placements).labels(steady)
+    known = [(each, label) for each, label in zip(steady, labels, strict=True) if label]
+    if not known:
+        raise BagError(f'{path}: no pose comes of its {len(outcomes)} stops')
+    measured = Measurement(raw.arm, raw.probe, raw.gauge, _probing_set(known), str(path)).checked()
+    refused = Counter(each.reason.value for each in outcomes if isinstance(each, Refusal))
+    missed = 0 if placements is not None else len(raw.poses) - len(known)
+    recorded = len(raw.poses) if placements is None else 0
+    return Repeated(measured, recorded, missed, len(steady) - len(known), refused, too_late)
+
+
+def _probing_set(known: list[tuple[SteadyPose, Label]]) -> ProbingSet:
+    return ProbingSet(
+        np.array([label[0] for _, label in known], dtype=np.int64),
+        np.array([label[1] for _, label in known], dtype=np.int64),
+        np.array([pose.joints for pose, _ in known]),
+        np.array([pose.displacement for pose, _ in known]),
+        np.array([pose.stamp for pose, _ in known], dtype=np.int64),
+        np.array([pose.readings for pose, _ in known], dtype=np.int64),
+    )
+
+
+def _read(path: Path) -> _Raw:
+    topics = (*DESCRIPTIONS, JOINT_STATES, PROBE_DISPLACEMENTS, CAPTURE_POSES)
+    types = {topic.name: topic.type for topic in topics}
+    contents: dict[str, list[Any]] = {name: [] for name in types}
+    order: list[tuple[str, Any]] = []
+    for message in read_messages(path, set(types)):
+        content = _decoded(path, message, types[message.topic])
+        contents[message.topic].append(content)
+        if message.topic in (JOINT_STATES.name, PROBE_DISPLACEMENTS.name):
+            order.append((message.topic, content))
+
+    def described(topic: Topic, parse: Callable[[str, str], T]) -> T:
+        texts = contents[topic.name]
+        if not texts:
+            raise BagError(f'{path}: the bag has no topic {topic.name}')
+        return parse(texts[-1].data, f'{path}: {topic.name}')
+
+    for topic in (JOINT_STATES, PROBE_DISPLACEMENTS):
+        if not contents[topic.name]:
+            raise BagError(f'{path}: no raw messages on {topic.name}, nothing to pair')
+    arm = described(ARM_DESCRIPTION, parse_arm)
+    stream = list(_samples(order, arm))
+    return _Raw(
+        arm, described(PROBE_DESCRIPTION, parse_probe), described(GAUGE_DESCRIPTION, parse_gauge),
+        stream, contents[CAPTURE_POSES.name],
+    )  # fmt: skip
+
+
+def _decoded(path: Path, message: BagMessage, expected: str) -> Any:
+    if message.type != expected:
+        raise BagError(f'{path}: topic {message.topic} has type {message.type}, not {expected}')
+    try:
+        return cdr.decode(expected, message.data)
+    except ValueError as error:
+        raise BagError(f'{path}: {message.topic}: {error}') from error
+
+
+def _samples(order: list[tuple[str, Any]], arm: Arm) -> Iterator[JointSample | Reading]:
+    for topic, content in order:
+        stamp = cdr.stamp_of(content)
+        if topic == JOINT_STATES.name:
+            position = dict(zip(content.name, content.position, strict=False))
+            joints = np.array([position.get(name, np.nan) for name in arm.joint_names])
+            if np.isfinite(joints).all():
+                yield JointSample(stamp, joints)
+        else:
+            first, second, third = (int(status) for status in content.status)
+            yield Reading(stamp, np.array(content.displacement), (first, second, third))
+
+
+def _paired(
+    stream: list[JointSample | Reading], settings: SteadySettings
+) -> tuple[list[Outcome], int]:
+    """What comes of the streams as they were received, and how many messages were too late."""
+    pairing, newest, too_late = Pairing(settings), 0, 0
+    outcomes: list[Outcome] = []
+    for message in stream:
+        if isinstance(message, JointSample):
+            # only joints tell: readings may lie far behind them
+            if message.stamp < newest - STEP_BACK * SECOND:
+                outcomes += pairing.finish()
+                too_late += pairing.too_late
+                pairing, newest = Pairing(settings), 0
+            newest = max(newest, message.stamp)
+            outcomes += pairing.add_joints(message)
+        else:
+            outcomes += pairing.add_reading(message)
+    outcomes += pairing.finish()
+    return outcomes, too_late + pairing.too_late
+
+
+class _Recorded:
+    """Knows the sphere of a stop from the pose that was recorded of it."""
+
+    def __init__(self, poses: list[Any], settings: SteadySettings) -> None:
+        self._poses = sorted(poses, key=cdr.stamp_of)
+        self._stamps = [cdr.stamp_of(pose) for pose in self._poses]
+        self._reach = round((settings.settle + settings.dwell + SAME_STOP) * SECOND)
+        self._used: set[int] = set()
+
+    def labels(self, steady: list[SteadyPose]) -> list[Label | None]:
+        """Location and sphere of each; None where no recorded pose is of the same stop."""
+        return [self._label(pose) for pose in steady]
+
+    def _label(self, pose: SteadyPose) -> Label | None:
+        begin = bisect_left(self._stamps, pose.stamp - self._reach)
+        end = bisect_left(self._stamps, pose.stamp + self._reach + 1)
+        near = [
+            i for i in range(begin, end)
+            if i not in self._used and self._same_posture(self._poses[i], pose.joints)
+        ]  # fmt: skip
+        if not near:
+            return None
+        best = min(near, key=lambda i: abs(self._stamps[i] - pose.stamp))
+        self._used.add(best)
+        return int(self._poses[best].location), int(self._poses[best].sphere)
+
+    def _same_posture(self, recorded: Any, joints: Array) -> bool:
+        there = np.asarray(recorded.joint_position)
+        return there.shape == joints.shape and bool(np.abs(there - joints).max() <= SAME_POSTURE)
+
+
+class _Nominal:
+    """Knows the sphere of a stop from where the nominal arm sees it."""
+
+    def __init__(self, raw: _Raw, placements: Mapping[int, RigidTransform]) -> None:
+        self._raw = raw
+        self._labels = [(location, n) for location in placements for n in raw.gauge.numbers]
+        self._centers = np.array(
+            [placements[location].apply(raw.gauge.center(n)) for location, n in self._labels]
+        )
+
+    def labels(self, steady: list[SteadyPose]) -> list[Label | None]:
+        """Location and sphere of each; None where no sphere, or more than one, is near."""
+        return [self._label(pose) for pose in steady]
+
+    def _label(self, pose: SteadyPose) -> Label | None:
+        probe, diameter = self._raw.probe, self._raw.gauge.sphere_diameter
+        try:
+            p_probe = probe.centers(pose.displacement[None], diameter)
+        except ContactError:
+            return None
+        p_flange = probe.flange_T_probe.apply(p_probe)
+        p_base = points(self._raw.arm, pose.joints[None], p_flange)[0]
+        off = np.linalg.norm(self._centers - p_base, axis=1)
+        near = np.flatnonzero(off <= NEAR)
+        return self._labels[int(near[0])] if len(near) == 1 else None
