@@ -22,8 +22,8 @@ from studies.scenes import (
 ABOUT = """
 A KR 5 sixx R650 with an active probe; rms error, um, of 300 predictions anywhere, median over the
 seeds, by the prior's strength (0: none; 10: the default). The arm's parameters are off in turn by
-a third of what the prior says, by that, and by three times as much. `helped`: seeds at which the default
-is better than no prior; `ratio`: of their errors, median.
+a third of what the prior says, by that, and by three times as much. `helped`: seeds at which the
+default is better than no prior; `ratio`: of their errors, median.
 """
 STRENGTHS = (0.0, 1.0, 3.0, 10.0)
 #: poses in all, locations, and poses of each of their 4 spheres

@@ -43,7 +43,7 @@ ARMS = ('true', 'nominal')
 
 @dataclass(frozen=True)
 class Outcome:
-    """Error of P: `translation` (3,), m, `rotation` (3,), rad; `score` (6,): over what is stated."""
+    """Error of P: `translation` (3,), m, `rotation` (3,), rad; `score` (6,) both over stated."""
 
     translation: Array
     rotation: Array

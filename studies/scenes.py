@@ -24,7 +24,7 @@ SPHERES = (1, 6, 10, 14)
 LOCATIONS = 7
 #: how far off its middle an active probe meets a sphere, m
 PUSH = 1.2e-3
-#: postures known for every sphere, from which each measurement takes its own
+#: postures known for every sphere at most, from which each measurement takes its own
 POOL = 150
 
 
@@ -164,10 +164,10 @@ def measure(
     """`poses` of every sphere at every location, by the true `arm` and `mount`."""
     true_gauge = off_gauge(bench.gauge, generator, noise.certificate)
     targets = _targets(bench, true_gauge)
-    pool = _pool(bench)
-    chosen = np.array([_chosen(generator, poses) for _ in targets])
+    pool = _pool(bench, min(POOL, 2 * poses))
+    chosen = np.array([_chosen(generator, poses, pool.shape[1]) for _ in targets])
     q = np.take_along_axis(pool, chosen[:, :, None], axis=1).reshape(-1, arm.n)
-    if poses > POOL:
+    if poses > pool.shape[1]:
         # the same posture comes several times: near it is another one
         q = q + 0.03 * generator.normal(size=q.shape)
     centers = seated(bench.probe, generator, len(q))
@@ -192,10 +192,10 @@ def measure(
     return Scene(arm, mount, measured)
 
 
-def _chosen(generator: np.random.Generator, poses: int) -> np.ndarray:
+def _chosen(generator: np.random.Generator, poses: int, known: int) -> np.ndarray:
     """Which of the postures known for a sphere are taken, each once where there are enough."""
-    rounds = -(-poses // POOL)
-    return np.concatenate([generator.permutation(POOL) for _ in range(rounds)])[:poses]
+    rounds = -(-poses // known)
+    return np.concatenate([generator.permutation(known) for _ in range(rounds)])[:poses]
 
 
 def _targets(bench: Bench, gauge: Gauge) -> Array:
@@ -207,27 +207,27 @@ def _targets(bench: Bench, gauge: Gauge) -> Array:
 _POOLS: dict[tuple[str, str, int], Array] = {}
 
 
-def _pool(bench: Bench) -> Array:
-    """Postures (S, POOL, n) of the nominal arm at every sphere, the same for every seed."""
+def _pool(bench: Bench, size: int) -> Array:
+    """Postures (S, size, n) of the nominal arm at every sphere, the same for every seed."""
     targets = _targets(bench, bench.gauge)
-    key = (bench.arm.name, bench.probe.kind, hash(targets.tobytes()))
+    key = (bench.arm.name, bench.probe.kind, hash((size, targets.tobytes())))
     if key not in _POOLS:
         generator = np.random.default_rng(1)
-        _POOLS[key] = np.array([_postures(bench, target, generator) for target in targets])
+        _POOLS[key] = np.array([_postures(bench, target, size, generator) for target in targets])
     return _POOLS[key]
 
 
-def _postures(bench: Bench, target: Array, generator: np.random.Generator) -> Array:
-    """POOL postures (POOL, n) that hold the middle of the probe at a target, from anywhere."""
+def _postures(bench: Bench, target: Array, size: int, generator: np.random.Generator) -> Array:
+    """Postures (size, n) that hold the middle of the probe at a target, from anywhere."""
     found: Array = np.zeros((0, bench.arm.n))
-    for _ in range(20):
-        q, centers = anywhere(bench.arm, bench.probe, generator, POOL)
+    for _ in range(40):
+        q, centers = anywhere(bench.arm, bench.probe, generator, size)
         p_flange = bench.probe.flange_T_probe.apply(centers)
-        q, arrived = reach(bench.arm, q, p_flange, np.tile(target, (POOL, 1)), steps=40)
+        q, arrived = reach(bench.arm, q, p_flange, np.tile(target, (size, 1)), steps=40)
         arrived &= bench.arm.within_limits(q, 0.02)
         found = np.concatenate([found, q[arrived]])
-        if len(found) >= POOL:
-            return found[:POOL]
+        if len(found) >= size:
+            return found[:size]
     raise AssertionError(f'{bench.arm.name} does not reach {target}')
 
 

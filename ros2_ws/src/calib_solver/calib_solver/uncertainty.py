@@ -23,6 +23,9 @@ from calib_solver.objectives import (
 from calib_solver.problem import IntArray, Problem
 from calib_solver.sums import SphereSums
 
+#: the data hold a direction by themselves where their weight is so many times the prior's
+BY_FAR = 100.0
+
 
 @dataclass(frozen=True)
 class Uncertainty:
@@ -69,8 +72,9 @@ def estimate_uncertainty(
     """
     noise = pose_variance(sums, distance_errors(problem, sums)[1] if name == 'distance' else None)
     parts = gradient_noise(problem, name, sums)
-    misfit = misfit_factor(problem, name, sums, noise, parts)
     prior = kappa * information
+    held = directions_held(quadratic.normal, prior)
+    misfit = misfit_factor(problem, name, sums, noise, parts, held)
     hessian = quadratic.normal + np.diag(prior)
     scatter = noise * misfit * parts.by_pose.sum(axis=0) + parts.by_certificate
     # the truth lies about nominal as the prior says: its pull is an error of that size
@@ -176,22 +180,38 @@ def certificate_covariance(gauge: Gauge) -> Array:
     return covariance
 
 
+def directions_held(normal: Array, prior: Array) -> Array:
+    """Directions (F, K) in which the data outweigh the prior's part (F,) of the cost by far."""
+    if not (prior > 0).all():
+        return np.eye(len(prior))
+    scale = 1 / np.sqrt(prior)
+    values, vectors = np.linalg.eigh(scale[:, None] * normal * scale)
+    held: Array = scale[:, None] * vectors[:, values > BY_FAR]
+    return held
+
+
 def misfit_factor(
-    problem: Problem, name: str, sums: SphereSums, noise: float, parts: GradientNoise
+    problem: Problem,
+    name: str,
+    sums: SphereSums,
+    noise: float,
+    parts: GradientNoise,
+    held: Array,
 ) -> float:
     """How much more the locations' gradients scatter than independent pose noise explains.
 
     At the minimum the locations' shares of the gradient cancel; with noise alone each scatters
     with its own covariance. The factor is the mean of g' C^-1 g over what it should be, taken as
-    1 when it is not significantly more: the model then says all there is to say.
+    1 when it is not significantly more: the model then says all there is to say. Only along the
+    directions `held` (F, K) by the data: elsewhere it is the prior that pulls the shares apart.
     """
     clusters = problem.locations
     if len(clusters) < 2:
         clusters = [np.array([s]) for s in range(len(problem.keys))]
-    if len(clusters) < 2 or noise <= 0 or sums.gradient.shape[1] == 0:
+    if len(clusters) < 2 or noise <= 0 or held.shape[1] == 0:
         return 1.0
-    shares = _gradient_shares(problem, name, sums)
-    total = noise * parts.by_pose.sum(axis=0) + parts.by_certificate
+    shares = _gradient_shares(problem, name, sums) @ held
+    total = held.T @ (noise * parts.by_pose.sum(axis=0) + parts.by_certificate) @ held
     values, vectors = np.linalg.eigh(total)
     kept = values > 1e-12 * max(values[-1], 1e-300)
     whitened = shares @ vectors[:, kept] / np.sqrt(values[kept])

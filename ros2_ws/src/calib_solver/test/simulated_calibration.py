@@ -120,6 +120,14 @@ class Scene:
     mount: RigidTransform
     measured: Measurement
 
+    def true_centre(self, location: int, sphere: int) -> Array:
+        """Where a probed sphere stands (3,), m, but for the noise of its poses."""
+        poses = self.measured.poses
+        own = (poses.location == location) & (poses.sphere == sphere)
+        p_flange = self.mount.apply(self.measured.centers()[own])
+        center: Array = points(self.true, poses.joints[own], p_flange).mean(axis=0)
+        return center
+
     def prediction_error(self, arm: Arm, probe: Probe, seed: int = 99, count: int = 300) -> float:
         """The largest error (m) of unseen postures relative to one another.
 
