@@ -68,7 +68,7 @@ def _pooled(
     # spawned, not forked: the solver's threads, and a node's, do not survive a fork
     pool = ProcessPoolExecutor(workers, get_context('spawn'), _begin, (shared,))
     try:
-        futures = _submitted(pool, work, items)
+        futures = _submitted(pool, work, items, workers)
         return in_order(futures, as_completed(futures), advance)
     except BrokenProcessPool as error:
         raise CalibrationError(
@@ -79,16 +79,19 @@ def _pooled(
 
 
 def _submitted(
-    pool: ProcessPoolExecutor, work: Callable[[Any, Item], Result], items: Sequence[Item]
+    pool: ProcessPoolExecutor,
+    work: Callable[[Any, Item], Result],
+    items: Sequence[Item],
+    workers: int,
 ) -> list[Future[Result]]:
-    # the first one starts all workers, which inherit the mask: Ctrl-C is this process' to answer,
-    # from their first moment on
+    # each of the first submissions starts a worker, which inherits the mask: Ctrl-C is this
+    # process' to answer, from a worker's first moment on
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        first = pool.submit(_do, work, items[0])
+        first = [pool.submit(_do, work, item) for item in items[:workers]]
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    return [first, *(pool.submit(_do, work, item) for item in items[1:])]
+    return [*first, *(pool.submit(_do, work, item) for item in items[workers:])]
 
 
 _shared: object = None
@@ -96,7 +99,7 @@ _shared: object = None
 
 def _begin(shared: object) -> None:
     """In a worker: keep what all items share, take one core, end when the parent has."""
-    global _shared  # noqa: PLW0603  a worker process has one job only
+    global _shared  # a worker process has one job only
     _shared = shared
     os.environ['CALIB_THREADS'] = '1'
     threading.Thread(target=_end_with_parent, daemon=True).start()
