@@ -146,9 +146,9 @@ class Program:
         return tuple((s.location, s.sphere) for s in self.spheres if not s.poses)
 
 
-@dataclass
-class _Draft:
-    """A sphere on its way into the program."""
+@dataclass(frozen=True)
+class Draft:
+    """A sphere on its way into the program: what there is to choose from."""
 
     location: int
     sphere: int
@@ -174,7 +174,7 @@ class Planner:
             settings.limit_margin, settings.singular_margin, settings.approach, settings.bodies
         )
         self._finder = Finder(arm, probe, gauge, reach)
-        self._telling = Telling(arm, probe, gauge, settings.choice)
+        self.telling = Telling(arm, probe, gauge, settings.choice)
         self._T_probe_flange = np.linalg.inv(probe.flange_T_probe.matrix())
         self._seat = self._seat_of(probe)
 
@@ -207,19 +207,19 @@ class Planner:
             raise ProgramError(
                 f'location {unknown[0]} has no place (there are {sorted(placements)})'
             )
-        drafts: list[_Draft] = []
+        drafts: list[Draft] = []
         for location in locations or sorted(placements):
             found = [
-                self._draft(placements[location], location, sphere)
+                self.draft(placements[location], location, sphere)
                 for sphere in self.settings.spheres
             ]
             _refuse_out_of_reach(self.arm, location, found)
             drafts += found
-        pools = [self._pool(placements[draft.location], draft) for draft in drafts]
-        chosen = choose(self._telling, pools, self.settings.poses_per_sphere).chosen
+        pools = [self.pool(placements[draft.location], draft) for draft in drafts]
+        chosen = choose(self.telling, pools, self.settings.poses_per_sphere).chosen
         return self._ordered(drafts, chosen, self._expected(pools, chosen))
 
-    def _draft(self, T_base_gauge: RigidTransform, location: int, sphere: int) -> _Draft:
+    def draft(self, T_base_gauge: RigidTransform, location: int, sphere: int) -> Draft:
         """The candidates of one sphere."""
         settings = self.settings
         R_base_gauge = T_base_gauge.rotation
@@ -232,24 +232,25 @@ class Planner:
         hands = self._hands(R_base_gauge, p_base_sphere, (*key, 1), offset_share=0.2)
         planned = min(len(found.found), settings.poses_per_sphere)
         spare = self._finder.find(hands, math.ceil(SPARE_SHARE * planned))
-        return _Draft(location, sphere, found, spare)
+        return Draft(location, sphere, found, spare)
 
-    def _pool(self, T_base_gauge: RigidTransform, draft: _Draft) -> Pool:
+    def pool(self, T_base_gauge: RigidTransform, draft: Draft) -> Pool:
+        """What the candidates of one sphere tell."""
         found = draft.candidates.found
         center = T_base_gauge.apply(self.gauge.center(draft.sphere))
         joints = joints_of(found, self.arm.n)
         seats = np.array([each.p_probe_sphere for each in found]).reshape(-1, 3)
-        return Pool(draft.location, draft.sphere, center, self._telling.rows(joints, seats))
+        return Pool(draft.location, draft.sphere, center, self.telling.rows(joints, seats))
 
     def _expected(self, pools: Sequence[Pool], chosen: Sequence[Indices]) -> Expected:
-        telling = self._telling
+        telling = self.telling
         return Expected(
             telling.position_uncertainty(telling.known),
             telling.position_uncertainty(information_of(telling, pools, chosen)),
         )
 
     def _ordered(
-        self, drafts: Sequence[_Draft], chosen: Sequence[Indices], expected: Expected
+        self, drafts: Sequence[Draft], chosen: Sequence[Indices], expected: Expected
     ) -> Program:
         """The chosen poses of one sphere after the other, each sphere's in a short order."""
         here = self._home()
@@ -269,7 +270,7 @@ class Planner:
         return Program(tuple(plans), expected)
 
     def _planned(
-        self, draft: _Draft, candidate: Candidate, which: int, branch: str = ''
+        self, draft: Draft, candidate: Candidate, which: int, branch: str = ''
     ) -> PlannedPose:
         joints = candidate.postures[which]
         way = candidate.way[::-1] if self.settings.drive_approach else candidate.way[:0]
@@ -306,7 +307,7 @@ class Planner:
             yield Hand(T_base_probe @ self._T_probe_flange, p_probe_sphere, float(swept))
 
 
-def _refuse_out_of_reach(arm: Arm, location: int, drafts: Sequence[_Draft]) -> None:
+def _refuse_out_of_reach(arm: Arm, location: int, drafts: Sequence[Draft]) -> None:
     """Refuse a location where the gauge cannot be probed at all."""
     if any(draft.candidates.found for draft in drafts):
         return
