@@ -37,6 +37,8 @@ class CaptureParameters:
     steady: SteadySettings
     run: RunSettings
     wait_timeout: float
+    resume: bool = False
+    serve: bool = False
 
 
 class ParameterReader:
@@ -65,6 +67,8 @@ class ParameterReader:
             steady,
             self._run(steady),
             self._number('wait_timeout', 30.0, 's to wait for arm and probe', 0.1, 1e5),
+            self._flag('resume', 'go on with the bag in output, or begin it'),
+            self._flag('serve', 'wait for goals on /capture/run and spheres on /capture/teach'),
         )
 
     def _program(self) -> ProgramSettings:
@@ -146,6 +150,9 @@ class ParameterReader:
     def _whole(self, name: str, default: int, text: str, lower: int, upper: int) -> int:
         value = self._node.declare_parameter(name, default, described(text)).value
         return int(number_within(name, value, lower, upper))
+
+    def _flag(self, name: str, text: str) -> bool:
+        return bool(self._node.declare_parameter(name, False, described(text)).value)
 
     def _integers(self, name: str, text: str) -> tuple[int, ...]:
         kind = Parameter.Type.INTEGER_ARRAY

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from calib_interfaces.msg import ProbingPose, StylusDisplacements
@@ -22,7 +22,9 @@ from calib_capture.recorder import Recorder
 from calib_capture.run import MeasuringRun, RunError
 from calib_capture.session import CaptureSession
 from calib_capture.trajectory import Trajectory
+from calib_model.bag_account import FileAccount
 from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
+from calib_model.rotation import RigidTransform
 from calib_model.topics import (
     ARM_DESCRIPTION,
     CAPTURE_POSES,
@@ -42,8 +44,9 @@ DESCRIPTIONS = {'arm': ARM_DESCRIPTION, 'probe': PROBE_DESCRIPTION, 'gauge': GAU
 class CaptureNode(Node):
     """Runs a measuring program on an arm and a probe that it knows by their topics alone.
 
-    `gather` waits for the descriptions, `plan` makes the program, `await_streams` waits for the
-    arm and the probe, `begin` starts a session that then lives on messages and timer ticks.
+    Once no descriptions are missing `describe` gives the planner, `listen` takes in the streams;
+    `begin` starts a session that then lives on messages and timer ticks, `end` leaves it.
+    `watch`, when set, sees every joint sample and reading.
     """
 
     def __init__(self) -> None:
@@ -52,13 +55,17 @@ class CaptureNode(Node):
         self.asked = ParameterReader(self).read()
         self._session: CaptureSession | None = None
         self._sampled = self._read = False
+        self._listening = False
         self._joint_names: tuple[str, ...] = ()
+        self.taught: dict[int, RigidTransform] = {}
+        self.watch: Callable[[JointSample | Reading], None] | None = None
         self.failure: RunError | None = None
         self._commands = self.create_publisher(
             JointTrajectory, JOINT_TRAJECTORY.name, qos_of(JOINT_TRAJECTORY)
         )
         self._poses = self.create_publisher(ProbingPose, CAPTURE_POSES.name, qos_of(CAPTURE_POSES))
         self._listen_for_descriptions()
+        self.create_timer(TICK, self._tick)
 
     def _listen_for_descriptions(self) -> None:
         for key, topic in DESCRIPTIONS.items():
@@ -84,17 +91,24 @@ class CaptureNode(Node):
         ]  # fmt: skip
         return ', '.join(missing)
 
-    def plan(self) -> Program:
-        """The measuring program of the gathered descriptions."""
-        self._arm = self._description('arm', parse_arm)
-        self._probe = self._description('probe', parse_probe)
-        self._gauge = self._description('gauge', parse_gauge)
-        self._joint_names = self._arm.joint_names
-        planner = Planner(self._arm, self._probe, self._gauge, self.asked.program)
-        return planner.program(self.asked.placements, self.asked.locations)
+    def describe(self) -> Planner:
+        """A planner for the gathered descriptions."""
+        self.arm = self._description('arm', parse_arm)
+        self.probe = self._description('probe', parse_probe)
+        self.gauge = self._description('gauge', parse_gauge)
+        self._joint_names = self.arm.joint_names
+        return Planner(self.arm, self.probe, self.gauge, self.asked.program)
+
+    @property
+    def placements(self) -> dict[int, RigidTransform]:
+        """`T_base_gauge` by location; what was taught comes before what was given."""
+        return {**self.asked.placements, **self.taught}
 
     def listen(self) -> None:
         """Take in joint states and probe readings from now on."""
+        if self._listening:
+            return
+        self._listening = True
         for kind, topic, take in (
             (JointState, JOINT_STATES, self._on_joints),
             (StylusDisplacements, PROBE_DISPLACEMENTS, self._on_reading),
@@ -113,19 +127,23 @@ class CaptureNode(Node):
             missing.append(PROBE_DISPLACEMENTS.name)
         return ', '.join(missing)
 
-    def begin(self, program: Program) -> CaptureSession:
-        """Open the bag and start the run."""
+    def begin(self, program: Program, earlier: Sequence[FileAccount] = ()) -> CaptureSession:
+        """Open the bag, or go on with the files it has, and start the run."""
+        self.failure = None
         recorder = Recorder(
-            self.asked.output, self._arm, self._probe, self._gauge, self._announce, time.time_ns(),
-            self.asked.steady,
+            self.asked.output, self.arm, self.probe, self.gauge, self._announce, time.time_ns(),
+            self.asked.steady, earlier,
         )  # fmt: skip
-        run = MeasuringRun(self._arm, program, self.asked.run, time.monotonic())
+        run = MeasuringRun(self.arm, program, self.asked.run, time.monotonic())
         self._session = CaptureSession(
-            run, Pairing(self.asked.steady), recorder, self._arm.base_frame,
+            run, Pairing(self.asked.steady), recorder, self.arm.base_frame,
             self._command, time.monotonic, time.time_ns,
         )  # fmt: skip
-        self.create_timer(TICK, self._tick)
         return self._session
+
+    def end(self) -> None:
+        """Leave the session: what comes from now on is none of its business."""
+        self._session = None
 
     def stop_arm(self) -> None:
         """Let the arm forget the rest of its trajectory."""
@@ -151,14 +169,20 @@ class CaptureNode(Node):
         if joints is None:
             return
         self._sampled = True
+        sample = JointSample(stamp_of(state.header), joints)
+        if self.watch is not None:
+            self.watch(sample)
         if self._session is not None:
-            self._session.take_joints(JointSample(stamp_of(state.header), joints), raw)
+            self._session.take_joints(sample, raw)
 
     def _on_reading(self, raw: bytes) -> None:
         self._read = True
-        if self._session is None:
+        if self._session is None and self.watch is None:
             return
         message = deserialize_message(raw, StylusDisplacements)
         first, second, third = message.status.tolist()
         reading = Reading(stamp_of(message.header), message.displacement, (first, second, third))
-        self._session.take_reading(reading, raw)
+        if self.watch is not None:
+            self.watch(reading)
+        if self._session is not None:
+            self._session.take_reading(reading, raw)

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One capture from waiting to closed bag, for the command and for the action alike."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from rclpy.executors import Executor
+
+from calib_capture.measuring_node import TICK, CaptureNode
+from calib_capture.program import Program
+from calib_capture.resume import Begun, begun, remaining
+from calib_capture.run import RunError, Tally
+from calib_capture.session import CaptureSession
+from calib_model.errors import BagError
+
+REMINDER = 3.0  # s between two lines that say what is being waited for
+
+
+@dataclass(frozen=True)
+class Watcher:
+    """Who asked for the capture: hears lines and progress, and may want it to stop."""
+
+    say: Callable[[str], None]
+    show: Callable[[CaptureSession], None]
+    stopped: Callable[[], bool]
+
+
+class Stopped(Exception):  # noqa: N818  # not an error: what was wished for
+    """The capture was stopped; its argument is the summary."""
+
+
+class Capturing:
+    """Waits for arm and probe, plans, measures; `tally` says how it went, also after an error."""
+
+    def __init__(self, node: CaptureNode, executor: Executor, watcher: Watcher) -> None:
+        self._node = node
+        self._executor = executor
+        self._watcher = watcher
+        self.tally = Tally(0)
+
+    def __call__(self) -> str:
+        """Do it; returns the summary.
+
+        Raises:
+            Stopped: the watcher wanted it so. The arm was told to stop and the bag is closed.
+            CalibrationError: it could not be done; a bag that was begun is closed.
+        """
+        node = self._node
+        if Path(node.asked.output).exists() and not node.asked.resume:
+            raise BagError(f'{node.asked.output}: exists already, a bag is never overwritten')
+        self._wait_for(node.missing_descriptions)
+        program = self._plan()
+        for location, sphere in program.unreached:
+            self._watcher.say(f'location {location}: sphere {sphere} is out of reach')
+        there = self._there()
+        left = remaining(program, there.poses)
+        if there.taken:
+            self._watcher.say(f'{node.asked.output}: {there.taken} poses are there already')
+        if not left.poses and there.taken:
+            return f'{node.asked.output}: complete with {there.taken} poses'
+        node.listen()
+        self._wait_for(node.missing_streams)
+        return self._measure(left, there)
+
+    def _wait_for(self, missing: Callable[[], str]) -> None:
+        """Spin until nothing is missing."""
+        begin = told = time.monotonic()
+        while what := missing():
+            now = time.monotonic()
+            if self._watcher.stopped():
+                raise Stopped('nothing recorded')
+            if now - begin > self._node.asked.wait_timeout:
+                raise RunError(f'waited {now - begin:.0f} s in vain for {what}')
+            if now - told > REMINDER:
+                told = now
+                self._watcher.say(f'waiting for {what}')
+            self._executor.spin_once(timeout_sec=TICK)
+
+    def _plan(self) -> Program:
+        """The program, made beside the graph: whoever asks meanwhile gets an answer."""
+        node = self._node
+        planner = node.describe()
+        with ThreadPoolExecutor(max_workers=1) as beside:
+            planned = beside.submit(planner.program, node.placements, node.asked.locations)
+            while not planned.done():
+                if self._watcher.stopped():
+                    beside.shutdown(wait=False)
+                    raise Stopped('nothing recorded')
+                self._executor.spin_once(timeout_sec=TICK)
+            return planned.result()
+
+    def _there(self) -> Begun:
+        node = self._node
+        if not Path(node.asked.output).exists():
+            return Begun((), None)
+        return begun(node.asked.output, node.arm, node.probe, node.gauge)
+
+    def _measure(self, program: Program, there: Begun) -> str:
+        node, begin = self._node, time.monotonic()
+        session = node.begin(program, there.files)
+        self.tally = session.tally
+        stopped = False
+        try:
+            with session.recorder:
+                while not (session.finished or stopped or node.failure):
+                    self._executor.spin_once(timeout_sec=TICK)
+                    self._watcher.show(session)
+                    stopped = self._watcher.stopped()
+                if not session.finished:
+                    node.stop_arm()
+        finally:
+            node.end()
+        return self._summary(there, stopped, time.monotonic() - begin)
+
+    def _summary(self, there: Begun, stopped: bool, seconds: float) -> str:
+        output, failure = self._node.asked.output, self._node.failure
+        whole = f', {there.taken + self.tally.taken} in all' if there.taken else ''
+        summary = f'{output}: {self.tally.line()} in {seconds:.1f} s{whole}'
+        if stopped:
+            raise Stopped(summary)
+        if failure:
+            raise RunError(f'{output}: {failure}')
+        if not self.tally.taken + there.taken:
+            raise RunError(f'{output}: no pose was taken')
+        return summary

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Going on with a capture that was cut: what is there already, and what is left to do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from calib_capture.program import PlannedPose, Program, SpherePlan
+from calib_model.arm import Arm
+from calib_model.bag import read_measurement
+from calib_model.bag_account import FileAccount
+from calib_model.bag_recovery import repair
+from calib_model.description import arm_yaml, gauge_yaml, probe_yaml
+from calib_model.errors import BagError
+from calib_model.gauge import Gauge
+from calib_model.probe import Probe
+from calib_model.probing import ProbingSet
+from calib_model.rotation import Array
+from calib_model.topics import CAPTURE_POSES
+
+SAME_POSTURE = 2e-3  # rad: what a run takes for the planned pose
+
+
+@dataclass(frozen=True)
+class Begun:
+    """A capture that was begun: its bag's files, all complete, and its poses, None without any."""
+
+    files: tuple[FileAccount, ...]
+    poses: ProbingSet | None
+
+    @property
+    def taken(self) -> int:
+        """How many poses are there."""
+        return 0 if self.poses is None else len(self.poses)
+
+
+def begun(bag: str | Path, arm: Arm, probe: Probe, gauge: Gauge) -> Begun:
+    """The capture in `bag`, its files made complete where they were cut.
+
+    Raises:
+        BagError: the bag cannot be read, or holds another arm, probe or gauge.
+    """
+    files = tuple(repair(bag))
+    if not any(file.counts.get(CAPTURE_POSES.name) for file in files):
+        return Begun(files, None)
+    measured = read_measurement(bag)
+    for what, ours, its in (
+        ('arm', arm_yaml(arm), arm_yaml(measured.arm)),
+        ('probe', probe_yaml(probe), probe_yaml(measured.probe)),
+        ('gauge', gauge_yaml(gauge), gauge_yaml(measured.gauge)),
+    ):
+        if ours != its:
+            raise BagError(f'{bag}: was captured with another {what} description, not gone on with')
+    return Begun(files, measured.poses)
+
+
+def remaining(program: Program, poses: ProbingSet | None) -> Program:
+    """What of a program is left when `poses` have been taken, sphere by sphere.
+
+    A taken pose that the program does not plan was taken in place of one that was refused: so
+    many fewer of its sphere are left, the first in order.
+    """
+    if poses is None:
+        return program
+    plans = []
+    for plan in program.spheres:
+        mine = (poses.location == plan.location) & (poses.sphere == plan.sphere)
+        plans.append(_left(plan, poses.joints[mine]))
+    return replace(program, spheres=tuple(plans))
+
+
+def _left(plan: SpherePlan, taken: Array) -> SpherePlan:
+    todo = _untaken(plan.poses, taken)
+    in_place_of_others = len(taken) - (len(plan.poses) - len(todo))
+    return replace(
+        plan, poses=todo[max(0, in_place_of_others) :], spares=_untaken(plan.spares, taken)
+    )
+
+
+def _untaken(poses: Sequence[PlannedPose], taken: Array) -> tuple[PlannedPose, ...]:
+    return tuple(
+        pose for pose in poses
+        if not len(taken) or np.abs(taken - pose.joints).max(axis=1).min() > SAME_POSTURE
+    )  # fmt: skip

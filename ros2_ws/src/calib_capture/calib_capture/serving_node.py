@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The capture node as a server: `/capture/run` measures, `/capture/teach` says where."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from calib_interfaces.action import Capture
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.executors import Executor
+from rclpy.task import Future
+
+from calib_capture.capture_parameters_node import CaptureParameters
+from calib_capture.capturing_node import Capturing, Stopped, Watcher
+from calib_capture.measuring_node import TICK, CaptureNode
+from calib_capture.session import CaptureSession
+from calib_model.errors import CalibrationError
+
+FEEDBACK_PERIOD = 0.25  # s
+
+
+def asked_by(goal: Capture.Goal, asked: CaptureParameters) -> CaptureParameters:
+    """What a goal asks for; what it leaves open is as the node was started."""
+    program = replace(
+        asked.program,
+        spheres=tuple(goal.spheres) or asked.program.spheres,
+        poses_per_sphere=int(goal.poses_per_sphere) or asked.program.poses_per_sphere,
+    )
+    return replace(
+        asked, locations=tuple(goal.locations) or asked.locations,
+        output=goal.bag or asked.output, program=program,
+    )  # fmt: skip
+
+
+class CaptureServer:
+    """Takes one goal at a time. All work is done in `serve`, callbacks only take note."""
+
+    def __init__(self, node: CaptureNode, executor: Executor, stopped: Callable[[], bool]) -> None:
+        self._node = node
+        self._executor = executor
+        self._stopped = stopped
+        self._given = node.asked
+        self._taken = False  # a goal is accepted and not yet answered
+        self._next: tuple[ServerGoalHandle, Future] | None = None
+        self._action = ActionServer(
+            node, Capture, '/capture/run', self._execute,
+            goal_callback=self._on_goal, cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )  # fmt: skip
+
+    def serve(self) -> None:
+        """Work until stopped; a goal that is under way then is ended properly."""
+        self._node.get_logger().info('waiting for goals on /capture/run')
+        while not self._stopped():
+            self._executor.spin_once(timeout_sec=TICK)
+            if self._next is not None:
+                handle, answer = self._next
+                self._next = None
+                answer.set_result(self._run(handle))
+                self._taken = False
+        for _ in range(10):  # let the answer out
+            self._executor.spin_once(timeout_sec=TICK)
+        self._action.destroy()
+
+    def _on_goal(self, _: Capture.Goal) -> GoalResponse:
+        if self._taken or self._stopped():
+            self._node.get_logger().warning('a goal is refused: a capture is under way')
+            return GoalResponse.REJECT
+        self._taken = True
+        return GoalResponse.ACCEPT
+
+    async def _execute(self, handle: ServerGoalHandle) -> Capture.Result:
+        answer: Future = Future(executor=self._executor)
+        self._next = handle, answer
+        result: Capture.Result = await answer
+        return result
+
+    def _run(self, handle: ServerGoalHandle) -> Capture.Result:
+        node, log = self._node, self._node.get_logger()
+        node.asked = asked_by(handle.request, self._given)
+        bag = str(Path(node.asked.output).absolute())
+        existed = Path(bag).exists()
+        watcher = Watcher(
+            log.info, _Feedback(handle),
+            lambda: bool(handle.is_cancel_requested) or self._stopped(),
+        )  # fmt: skip
+        capturing = Capturing(node, self._executor, watcher)
+        success = False
+        try:
+            message = capturing()
+            success = True
+            handle.succeed()
+        except Stopped as stopped:
+            message = f'stopped: {stopped}'
+            handle.canceled() if handle.is_cancel_requested else handle.abort()
+        except CalibrationError as error:
+            message = str(error)
+            handle.abort()
+        log.info(message)
+        written = success or (Path(bag).exists() and not existed)
+        return Capture.Result(
+            success=success, message=message, bag=bag if written else '',
+            taken=capturing.tally.taken, refused=sum(capturing.tally.refused.values()),
+        )  # fmt: skip
+
+
+class _Feedback:
+    """Tells the goal's client how far it is, a few times a second."""
+
+    def __init__(self, handle: ServerGoalHandle) -> None:
+        self._handle = handle
+        self._told = 0.0
+
+    def __call__(self, session: CaptureSession) -> None:
+        now, current, tally = time.monotonic(), session.run.current, session.tally
+        if current is None or now - self._told < FEEDBACK_PERIOD:
+            return
+        self._told = now
+        self._handle.publish_feedback(Capture.Feedback(
+            location=current.location, sphere=current.sphere, taken=tally.taken,
+            refused=sum(tally.refused.values()), planned=tally.planned,
+            seconds_left=session.run.seconds_left(now),
+        ))  # fmt: skip
