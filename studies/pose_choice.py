@@ -147,7 +147,7 @@ def predictions(draws: int) -> list[str]:
     wide, narrow = candidates(), candidates(20.0)
     telling = wide.telling
     reference = {n: random_prediction(telling, wide.pools, n, draws) for n in POSES}
-    rows = []
+    rows, every = [], {}
     for n in POSES:
         chosen = choose(telling, wide.pools, n).chosen
         programs = {
@@ -161,6 +161,7 @@ def predictions(draws: int) -> list[str]:
             single = narrow.only(common_branch(narrow))
             programs['one branch, 20 deg'] = random_prediction(telling, single, n, draws)
         for name, one in programs.items():
+            every[n, name] = one
             rows.append([
                 f'{n}', name, f'{one.position * 1e6:.2f}', f'{one.parameters * 1e3:.3f}',
                 f'{_as_many(reference, one, "position"):.0f}',
@@ -168,7 +169,21 @@ def predictions(draws: int) -> list[str]:
             ])  # fmt: skip
     header = ['poses a sphere', 'program', 'position um', 'parameters 1e-3', 'random: position',
               'random: parameters']  # fmt: skip
-    return columns(header, rows)
+    return [*columns(header, rows), '', *_conclusions(every)]
+
+
+def _conclusions(every: dict[tuple[int, str], Predicted]) -> list[str]:
+    """How few chosen poses promise at least what the full programs do, by position and by mean."""
+    lines = []
+    for name in ('random', 'one branch', 'one branch, 20 deg'):
+        full = every[FULL, name]
+        enough = [
+            n for n in POSES
+            if every[n, 'chosen'].position <= full.position
+            and every[n, 'chosen'].parameters <= full.parameters
+        ]  # fmt: skip
+        lines.append(f'{FULL} poses, {name}: {min(enough)} chosen ones promise as much or more')
+    return lines
 
 
 def _as_many(reference: dict[int, Predicted], one: Predicted, what: str) -> float:
