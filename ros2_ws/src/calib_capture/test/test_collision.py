@@ -10,6 +10,7 @@ from clear_of import placed, segment_distances, smallest_clearance
 from calib_capture.bodies import BodyError, BodySettings, bodies_of, parse_bodies
 from calib_capture.collision import CollisionCheck
 from calib_capture.program import Planner, ProgramError, ProgramSettings
+from calib_model.description import read_description
 from calib_model.errors import DescriptionError
 from calib_model.kinematics import forward, joint_frames
 from calib_model.probe import PassiveProbe
@@ -125,6 +126,7 @@ def test_no_planned_pose_of_random_gauge_placements_collides_or_leaves_its_limit
             refused += 1
             continue
         planned += assert_clear(kr5, probe, gauge, settings, program, place)
+    print(f'{planned} poses planned, {refused} placements refused')
     assert planned > 300
     assert refused > 0
 
@@ -188,6 +190,14 @@ def test_a_passive_probe_has_a_shank_that_may_touch_its_sphere(kr5, gauge, place
     settings = ProgramSettings(poses_per_sphere=5)
     program = Planner(kr5, passive, gauge, settings).program(placements, [1])
     assert len(program.poses) == 20
+
+
+def test_the_file_of_the_suite_says_what_is_taken_without_one(kr5, probe, gauge, config):
+    given = read_description(config / 'bodies' / 'kr5.yaml', parse_bodies)
+    assert given.floor == 0.0
+    expected = [body.radius for body in bodies_of(kr5, probe, gauge).moving[:6]]
+    assert given.link_radii == pytest.approx(expected, abs=5e-4)
+    assert replace(given, link_radii=(), floor=None) == BodySettings()
 
 
 def test_sizes_are_read_from_a_file(kr5, probe, gauge):
