@@ -132,3 +132,12 @@ def test_a_prior_chosen_without_the_held_out_place_is_nearly_the_best_there(bags
 
     best = min(spread_there(Prior(DEFAULT_SIGMA, strength)) for strength in CANDIDATES)
     assert spread_there(chosen_prior('auto')) < 1.3 * best
+
+
+@pytest.mark.parametrize('place', PLACES)
+def test_without_a_prior_it_says_which_axis_the_poses_do_not_place(bags, place):
+    """The ball is 0.2 mm off axis 7: no minimum for where that axis runs within any reach."""
+    fit = run([bags[place], '--prior', 'none']).done.fit
+    named = [name for name in ('a6', 'alpha6', 'd6', 'theta_0_6') if name in fit.reason]
+    assert not fit.converged
+    assert named, fit.reason

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from simulated_calibration import kr5, passive, simulate
+from simulated_calibration import active, kr5, passive, simulate
 
 from calib_model.probing import ProbingSet
 from calib_solver.identification import Options, identify
@@ -49,6 +49,18 @@ def same(done, answer):
 def test_the_order_of_the_poses_is_nothing(noisy, answer, seed):
     order = np.random.default_rng(seed).permutation(len(noisy.poses))
     same(identify(replace(noisy, poses=noisy.poses.take(order))), answer)
+
+
+@pytest.mark.parametrize('objective', ['distance_repeatability', 'distance', 'position'])
+def test_the_order_is_nothing_to_any_objective_nor_to_an_active_probe(objective):
+    measured = simulate(kr5(), active(), 52, locations=4, poses=9, noise=1e-4).measured
+    order = np.random.default_rng(3).permutation(len(measured.poses))
+    shuffled = replace(measured, poses=measured.poses.take(order))
+    options = Options(objective)
+    done, answer = identify(shuffled, options), identify(measured, options)
+    assert done.fit.converged == answer.fit.converged
+    assert done.identified.phi == pytest.approx(answer.identified.phi, rel=1e-6)
+    np.testing.assert_allclose(done.full, answer.full, atol=1e-7)
 
 
 @seldom
