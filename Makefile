@@ -32,7 +32,7 @@ bench: setup
 	@source ./env.bash && python -m benchmarks.run
 
 # Each writes its table to studies/results; all together take some minutes on 2 cores.
-STUDIES := coverage recovery robustness probe_fit prior
+STUDIES := coverage recovery robustness probe_fit prior pose_choice
 
 studies: setup
 	@source ./env.bash && for name in $(STUDIES); do python -m studies.$$name || exit 1; done

@@ -112,7 +112,7 @@ def table(count: int) -> list[str]:
         for i, parameter in enumerate(names)
     ]  # fmt: skip
     lines += columns(['', *OBJECTIVES], by_name)
-    left_out = {name: sum(each[name].rejected for each in found) for name in OBJECTIVES}
+    left_out = {name: float(sum(each[name].rejected for each in found)) for name in OBJECTIVES}
     misfit = {name: max(each[name].misfit for each in found) for name in OBJECTIVES}
     lines += ['', 'poses left out: ' + _listed(left_out), 'largest misfit: ' + _listed(misfit)]
     return lines

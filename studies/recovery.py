@@ -103,7 +103,7 @@ def _places(bench: Bench, generator: np.random.Generator) -> list[RigidTransform
 
 def _reached(bench: Bench, target: Array, generator: np.random.Generator) -> bool:
     limits = np.clip(bench.arm.limits, -2.5, 2.5)
-    q = generator.uniform(*limits.T, (40, bench.arm.n))
+    q = generator.uniform(limits[:, 0], limits[:, 1], (40, bench.arm.n))
     p_flange = np.tile(bench.probe.flange_T_probe.translation, (40, 1))
     q, arrived = reach(bench.arm, q, p_flange, np.tile(target, (40, 1)))
     return bool((arrived & bench.arm.within_limits(q, 0.02)).sum() > 10)

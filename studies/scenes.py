@@ -97,7 +97,7 @@ def anywhere(
 ) -> tuple[Array, Array]:
     """Postures (count, n) between the joint limits, spheres' centres (count, 3) in the probe."""
     limits = np.clip(arm.limits, -2.5, 2.5)
-    return generator.uniform(*limits.T, (count, arm.n)), seated(probe, generator, count)
+    return generator.uniform(limits[:, 0], limits[:, 1], (count, arm.n)), seated(probe, generator, count)
 
 
 def seated(probe: Probe, generator: np.random.Generator, count: int) -> Array:
@@ -166,7 +166,7 @@ def measure(
     targets = _targets(bench, true_gauge)
     pool = _pool(bench, min(POOL, 2 * poses))
     chosen = np.array([_chosen(generator, poses, pool.shape[1]) for _ in targets])
-    q = np.take_along_axis(pool, chosen[:, :, None], axis=1).reshape(-1, arm.n)
+    q: Array = np.take_along_axis(pool, chosen[:, :, None], axis=1).reshape(-1, arm.n)
     if poses > pool.shape[1]:
         # the same posture comes several times: near it is another one
         q = q + 0.03 * generator.normal(size=q.shape)
