@@ -97,7 +97,8 @@ def anywhere(
 ) -> tuple[Array, Array]:
     """Postures (count, n) between the joint limits, spheres' centres (count, 3) in the probe."""
     limits = np.clip(arm.limits, -2.5, 2.5)
-    return generator.uniform(limits[:, 0], limits[:, 1], (count, arm.n)), seated(probe, generator, count)
+    q = generator.uniform(limits[:, 0], limits[:, 1], (count, arm.n))
+    return q, seated(probe, generator, count)
 
 
 def seated(probe: Probe, generator: np.random.Generator, count: int) -> Array:
