@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Thread
 
 from rclpy.executors import Executor
 
@@ -16,7 +16,7 @@ from calib_capture.program import Program
 from calib_capture.resume import Begun, begun, remaining
 from calib_capture.run import RunError, Tally
 from calib_capture.session import CaptureSession
-from calib_model.errors import BagError
+from calib_model.errors import BagError, CalibrationError
 
 REMINDER = 3.0  # s between two lines that say what is being waited for
 
@@ -85,14 +85,13 @@ class Capturing:
         """The program, made beside the graph: whoever asks meanwhile gets an answer."""
         node = self._node
         planner = node.describe()
-        with ThreadPoolExecutor(max_workers=1) as beside:
-            planned = beside.submit(planner.program, node.placements, node.asked.locations)
-            while not planned.done():
-                if self._watcher.stopped():
-                    beside.shutdown(wait=False)
-                    raise Stopped('nothing recorded')
-                self._executor.spin_once(timeout_sec=TICK)
-            return planned.result()
+        placements, locations = node.placements, node.asked.locations
+        planned = _Beside(lambda: planner.program(placements, locations))
+        while planned.is_alive():
+            if self._watcher.stopped():
+                raise Stopped('nothing recorded')
+            self._executor.spin_once(timeout_sec=TICK)
+        return planned.result()
 
     def _there(self) -> Begun:
         node = self._node
@@ -128,3 +127,28 @@ class Capturing:
         if not self.tally.taken + there.taken:
             raise RunError(f'{output}: no pose was taken')
         return summary
+
+
+class _Beside(Thread):
+    """Planning in a thread that nobody has to wait for, not even at the end of the process."""
+
+    def __init__(self, work: Callable[[], Program]) -> None:
+        super().__init__(daemon=True)
+        self._work = work
+        self._program: Program | None = None
+        self._error: CalibrationError | None = None
+        self.start()
+
+    def run(self) -> None:
+        """The thread's work."""
+        try:
+            self._program = self._work()
+        except CalibrationError as error:
+            self._error = error
+
+    def result(self) -> Program:
+        """The program, once the thread has ended; what it raised is raised again."""
+        if self._error is not None:
+            raise self._error
+        assert self._program is not None, 'the planner failed, see above'
+        return self._program

@@ -18,6 +18,7 @@ from calib_capture.capture_parameters_node import CaptureParameters
 from calib_capture.capturing_node import Capturing, Stopped, Watcher
 from calib_capture.measuring_node import TICK, CaptureNode
 from calib_capture.session import CaptureSession
+from calib_capture.teaching_node import Teaching
 from calib_model.errors import CalibrationError
 
 FEEDBACK_PERIOD = 0.25  # s
@@ -44,6 +45,8 @@ class CaptureServer:
         self._executor = executor
         self._stopped = stopped
         self._given = node.asked
+        self._teaching = Teaching(node)
+        self._ready = False
         self._taken = False  # a goal is accepted and not yet answered
         self._next: tuple[ServerGoalHandle, Future] | None = None
         self._action = ActionServer(
@@ -56,14 +59,29 @@ class CaptureServer:
         self._node.get_logger().info('waiting for goals on /capture/run')
         while not self._stopped():
             self._executor.spin_once(timeout_sec=TICK)
+            if not self._node.missing_descriptions():
+                self._get_ready()
             if self._next is not None:
                 handle, answer = self._next
                 self._next = None
+                self._teaching.busy = True
                 answer.set_result(self._run(handle))
-                self._taken = False
+                self._teaching.busy = self._taken = False
         for _ in range(10):  # let the answer out
             self._executor.spin_once(timeout_sec=TICK)
         self._action.destroy()
+
+    def _get_ready(self) -> None:
+        """Listen to arm and probe from when they are known, to be taught before any goal."""
+        if self._ready:
+            return
+        self._ready = True
+        try:
+            self._node.describe()
+        except CalibrationError as error:
+            self._node.get_logger().error(str(error))
+            return
+        self._node.listen()
 
     def _on_goal(self, _: Capture.Goal) -> GoalResponse:
         if self._taken or self._stopped():

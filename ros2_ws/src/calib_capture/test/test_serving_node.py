@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`/capture/run` and `/capture/teach` as processes, called as any client calls them."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy', reason='no ROS 2 here')
+pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
+from action_msgs.msg import GoalStatus  # noqa: E402
+from calib_interfaces.action import Capture  # noqa: E402
+from calib_interfaces.srv import Teach  # noqa: E402
+from perfect_probe import PerfectProbe  # noqa: E402
+from rclpy.action import ActionClient  # noqa: E402
+from trajectory_msgs.msg import JointTrajectory  # noqa: E402
+
+from calib_capture.messages import joint_trajectory, qos_of  # noqa: E402
+from calib_capture.program import Planner, ProgramSettings  # noqa: E402
+from calib_capture.trajectory import Trajectory  # noqa: E402
+from calib_model.bag import read_measurement  # noqa: E402
+from calib_model.placement import placements_yaml  # noqa: E402
+from calib_model.rotation import RigidTransform  # noqa: E402
+from calib_model.topics import JOINT_TRAJECTORY  # noqa: E402
+
+pytestmark = pytest.mark.timeout(120)
+ARM, CAPTURE = 'calib_capture.arm_node', 'calib_capture.capture_node'
+
+
+class Client:
+    """Calls the capture node from the node of the perfect probe."""
+
+    def __init__(self, perfect):
+        self.perfect = perfect
+        self.action = ActionClient(perfect.node, Capture, '/capture/run')
+        self.teach_service = perfect.node.create_client(Teach, '/capture/teach')
+        self.commands = perfect.node.create_publisher(
+            JointTrajectory, JOINT_TRAJECTORY.name, qos_of(JOINT_TRAJECTORY)
+        )
+        self.feedback = []
+
+    def until(self, condition, seconds=60.0):
+        end = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < end, 'nothing comes of it'
+            self.perfect.executor.spin_once(timeout_sec=0.05)
+
+    def answer(self, future):
+        self.until(future.done)
+        return future.result()
+
+    def send(self, **goal):
+        self.until(self.action.server_is_ready)
+
+        def note(message):
+            self.feedback.append(message.feedback)
+
+        return self.answer(self.action.send_goal_async(Capture.Goal(**goal), note))
+
+    def result(self, handle):
+        wrapped = self.answer(handle.get_result_async())
+        return wrapped.status, wrapped.result
+
+    def teach(self, location, sphere):
+        self.until(self.teach_service.service_is_ready)
+        request = Teach.Request(location=location, sphere=sphere)
+        return self.answer(self.teach_service.call_async(request))
+
+    def stand(self, joints):
+        """Let the arm go to a posture and rest there."""
+        self.until(lambda: self.commands.get_subscription_count() and self.perfect.before)
+        trajectory = Trajectory(np.array([1.0]), joints[None])
+        names = self.perfect.arm.joint_names
+        self.commands.publish(joint_trajectory(names, trajectory))
+        self.until(lambda: np.abs(self.perfect.before[1] - joints).max() < 1e-9)
+        since = self.perfect.before[0]
+        self.until(lambda: self.perfect.before[0] - since > 5e8)
+
+
+@pytest.fixture
+def client(domain, kr5, probe, gauge, placements, monkeypatch):
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    perfect = PerfectProbe(domain, kr5, probe, gauge, placements)
+    yield Client(perfect)
+    perfect.close()
+
+
+def start(graph, config, time_scale=0, **given):
+    graph.start(ARM, arm=config / 'arms' / 'kuka_kr5_sixx_r650.yaml', time_scale=time_scale)
+    places = given.pop('placements', config / 'locations' / 'kr5.yaml')
+    return graph.start(CAPTURE, serve='true', placements=places, **given)
+
+
+def test_a_goal_measures_tells_how_far_it_is_and_answers_with_bag_and_counts(
+    graph, client, config, tmp_path
+):
+    start(graph, config)
+    goal = {'locations': [3], 'spheres': [1, 10], 'poses_per_sphere': 6}
+    handle = client.send(**goal, bag=str(tmp_path / 'bag'))
+    assert handle.accepted
+    status, result = client.result(handle)
+    assert (status, result.success) == (GoalStatus.STATUS_SUCCEEDED, True), result.message
+    assert (result.bag, result.taken, result.refused) == (str(tmp_path / 'bag'), 12, 0)
+    poses = read_measurement(tmp_path / 'bag').poses
+    assert sorted(poses.sphere) == [1] * 6 + [10] * 6
+    assert client.feedback[-1].planned == 12
+    assert client.feedback[-1].location == 3
+    # our own errors are answers, and the node lives on
+    for wrong, said in (
+        ({**goal, 'bag': str(tmp_path / 'bag')}, 'exists already'),
+        ({**goal, 'locations': [77], 'bag': str(tmp_path / 'b2')}, 'location 77 has no place'),
+        ({**goal, 'spheres': [99], 'bag': str(tmp_path / 'b3')}, 'sphere 99'),
+    ):
+        status, result = client.result(client.send(**wrong))
+        assert (status, result.success) == (GoalStatus.STATUS_ABORTED, False)
+        assert said in result.message
+        assert result.bag == ''
+    again = client.send(**goal, bag=str(tmp_path / 'again'))
+    assert client.result(again)[1].taken == 12
+
+
+def test_cancel_stops_the_arm_and_closes_the_bag_and_a_second_goal_is_refused(
+    graph, client, config, tmp_path
+):
+    start(graph, config, time_scale=5)
+    goal = {'locations': [3], 'spheres': [1], 'poses_per_sphere': 200}
+    handle = client.send(**goal, bag=str(tmp_path / 'bag'))
+    client.until(lambda: len(client.perfect.poses) >= 5)
+    assert not client.send(**goal, bag=str(tmp_path / 'other')).accepted
+    assert not client.teach(3, 1).success
+    client.answer(handle.cancel_goal_async())
+    status, result = client.result(handle)
+    assert (status, result.success) == (GoalStatus.STATUS_CANCELED, False)
+    assert result.message.startswith('stopped: ')
+    assert len(read_measurement(tmp_path / 'bag').poses) == result.taken >= 5
+    assert len(client.feedback) >= 2
+    assert not (tmp_path / 'other').exists()
+    since = client.perfect.before[0]
+    client.until(lambda: client.perfect.before[0] - since > 1e9)
+    since, here = client.perfect.before
+    client.until(lambda: client.perfect.before[0] - since > 1e9)
+    assert np.array_equal(client.perfect.before[1], here)
+
+
+def test_a_taught_location_is_where_the_next_run_measures(
+    graph, client, kr5, probe, gauge, placements, config, tmp_path
+):
+    """The node is told wrong places; two spheres probed by hand put location 3 right."""
+    turned = RigidTransform(np.array([0.0, 0.0, 3.0]), np.zeros(3))
+    (tmp_path / 'wrong.yaml').write_text(placements_yaml({3: turned}))
+    start(graph, config, placements=tmp_path / 'wrong.yaml')
+    settings = ProgramSettings(spheres=(1, 10, 14), poses_per_sphere=3)
+    program = Planner(kr5, probe, gauge, settings).program(placements, [3])
+    posture = {plan.sphere: plan.poses[0].joints for plan in program.spheres}
+    client.stand(posture[1])
+    first = client.teach(3, 1)
+    assert first.success, first.message
+    assert math.isnan(first.length_error)
+    true_center = placements[3].apply(gauge.center(1))
+    assert np.abs(first.center - true_center).max() < 1e-7
+    client.stand(posture[10])
+    taken_for_another = client.teach(3, 14)
+    assert not taken_for_another.success
+    assert 'is it these spheres and this gauge?' in taken_for_another.message
+    certified = math.dist(gauge.center(1), gauge.center(14))
+    seen = math.dist(gauge.center(1), gauge.center(10))
+    assert taken_for_another.length_error == pytest.approx(seen - certified, abs=1e-6)
+    client.stand(posture[14])
+    last = client.teach(3, 14)
+    assert last.success, last.message
+    assert abs(last.length_error) < 1e-7
+    handle = client.send(
+        locations=[3], spheres=[1, 10], poses_per_sphere=4, bag=str(tmp_path / 'bag')
+    )
+    status, result = client.result(handle)
+    assert result.success, result.message
+    assert result.taken == 8
+
+
+def test_what_cannot_be_taught_is_said(graph, client, config, placements):
+    start(graph, config)
+    client.until(lambda: client.perfect.before)
+    answers = []
+
+    def told():
+        answers.append(client.teach(1, 1))
+        return 'the probe cannot be read here: no contact' in answers[-1].message
+
+    client.until(told, 20.0)  # until the node has heard of arm and probe
+    assert not any(answer.success for answer in answers)
+    assert not client.teach(1, 99).success
+    assert 'counted from 1' in client.teach(0, 1).message
