@@ -35,6 +35,7 @@ setup(
         'console_scripts': [
             'probe = selfcenter_probe.probe_node:main',
             'hand_guided = selfcenter_probe.hand_guided:main',
+            'operator = selfcenter_probe.operator_node:main',
         ],
     },
 )

@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 from calib_interfaces.msg import StylusDisplacements
+from numpy.typing import NDArray
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
@@ -60,4 +61,15 @@ def displacements(readings: Readings, frame: str) -> Iterator[StylusDisplacement
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, SECOND)
         message.displacement = displacement
         message.status = status
+        yield message
+
+
+def joint_states(
+    stamps: NDArray[np.int64], joints: Array, names: Sequence[str], frame: str
+) -> Iterator[JointState]:
+    """Joint states at stamps (M,), ns, with joints (M, n), rad: one object, as above."""
+    message = JointState(header=Header(frame_id=frame), name=list(names))
+    for stamp, q in zip(stamps.tolist(), joints, strict=True):
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, SECOND)
+        message.position = q.tolist()
         yield message

@@ -29,6 +29,10 @@ class Readings:
     def __len__(self) -> int:
         return len(self.stamp)
 
+    def shifted(self, by: int) -> Readings:
+        """The same readings `by` ns later."""
+        return Readings(self.stamp + by, self.displacement, self.status)
+
 
 class ProbeSimulation:
     """The probe on a moving arm, driven by the arm's joint states.

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The operator with a hand-guided arm as a node: `ros2 run selfcenter_probe operator`."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from calib_interfaces.msg import StylusDisplacements
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+
+from calib_model.command import run_command
+from calib_model.description import arm_yaml, gauge_yaml, probe_yaml
+from calib_model.errors import ParameterError
+from calib_model.run_node import run_node
+from calib_model.topics import DESCRIPTIONS, JOINT_STATES, PROBE_DISPLACEMENTS, Topic
+from selfcenter_probe.hand_motion import SECOND, MotionSettings, guided
+from selfcenter_probe.hand_reading import HandGuided, RawStretch
+from selfcenter_probe.hand_scene import FILES, Scene, read_scene
+from selfcenter_probe.messages import displacements, joint_states, qos_of
+
+PERIOD = 0.004  # s of the wall clock: how often what is due is published
+
+
+class OperatorNode(Node):
+    """Arm and probe in one, moved by a hand: joint states at 250 Hz, probe readings at 500 Hz.
+
+    Stamps begin at the wall clock's time and run `time_scale` times as fast. When the last
+    sphere has been probed, the streams end and the node stays.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('operator')
+        scene = read_scene(self._text('probe', 'passive', 'passive, active, or a YAML file'), {
+            name: Path(path) if (path := self._text(name, '', f'path; empty: {file}')) else None
+            for name, (_, file, _) in FILES.items()
+        })  # fmt: skip
+        hand = self._hand(scene)
+        self._scale = self._number('time_scale', 1.0, (0.01, 100.0), 'times as fast as real')
+        self._joint_names = scene.arm.joint_names
+        self._frames = scene.arm.base_frame, scene.probe.name
+        texts = (arm_yaml(scene.arm), probe_yaml(scene.probe), gauge_yaml(scene.gauge))
+        self._latched = [
+            self._latch(topic, text) for topic, text in zip(DESCRIPTIONS, texts, strict=True)
+        ]
+        self._states = self.create_publisher(JointState, JOINT_STATES.name, qos_of(JOINT_STATES))
+        self._readings = self.create_publisher(
+            StylusDisplacements, PROBE_DISPLACEMENTS.name, qos_of(PROBE_DISPLACEMENTS)
+        )
+        self._begin = time.time_ns()
+        self._wall = time.monotonic_ns()
+        self._sent = self._messages(hand, self._begin - hand.motion.seatings[0].begin)
+        self._next = next(self._sent, None)
+        self._timer = self.create_timer(PERIOD, self._tick)
+        motion = hand.motion
+        seconds = (motion.seatings[-1].end - motion.seatings[0].begin) / SECOND / self._scale
+        self.get_logger().info(
+            f'{scene.arm.name} with {scene.probe.name}, {len(motion.seatings)} seatings in '
+            f'{seconds:.0f} s, {len(motion.absent)} spheres out of reach'
+        )
+
+    def _hand(self, scene: Scene) -> HandGuided:
+        locations = self._numbers('locations', list(range(1, 8)), sorted(scene.placements))
+        spheres = self._numbers('spheres', [1, 6, 10, 14], list(scene.gauge.numbers))
+        poses = int(self._number('poses', 385.0, (2.0, 1e5), 'per sphere'))
+        seed = int(self._number('seed', 1.0, (0.0, 1e15), 'of arm, gauge and hand'))
+        speed = self._number('speed', 1.0, (0.01, 10.0), 'rad/s, of all joints together')
+        world = scene.world(seed)
+        sides = {number: scene.placements[number] for number in locations}
+        motion = guided(world, sides, spheres, MotionSettings(poses, speed, seed))
+        return HandGuided(world, motion, seed)
+
+    def _messages(self, hand: HandGuided, shift: int) -> Iterator[tuple[int, Publisher, Any]]:
+        """Stamp (ns), publisher and message, in time order; messages are filled anew each time."""
+        for stretch in hand.raw():
+            yield from self._of(stretch, shift)
+
+    def _of(self, stretch: RawStretch, shift: int) -> Iterator[tuple[int, Publisher, Any]]:
+        frame_of_arm, frame_of_probe = self._frames
+        stamps = stretch.stamp + shift
+        states = joint_states(stamps, stretch.joints, self._joint_names, frame_of_arm)
+        readings = stretch.readings.shifted(shift)
+        read = displacements(readings, frame_of_probe)
+        ticks = set(stamps.tolist())
+        for stamp in readings.stamp.tolist():
+            if stamp in ticks:
+                yield stamp, self._states, next(states)
+            yield stamp, self._readings, next(read)
+
+    def _tick(self) -> None:
+        now = self._begin + round((time.monotonic_ns() - self._wall) * self._scale)
+        while self._next is not None and self._next[0] <= now:
+            _, publisher, message = self._next
+            publisher.publish(message)
+            self._next = next(self._sent, None)
+        if self._next is None:
+            self._timer.cancel()
+            self.get_logger().info('every sphere has been probed')
+
+    def _latch(self, topic: Topic, text: str) -> Publisher:
+        publisher = self.create_publisher(String, topic.name, qos_of(topic))
+        publisher.publish(String(data=text))
+        return publisher
+
+    def _given(self, name: str, default: Any, meaning: str) -> Any:
+        descriptor = ParameterDescriptor(description=meaning, dynamic_typing=True, read_only=True)
+        return self.declare_parameter(name, default, descriptor).value
+
+    def _text(self, name: str, default: str, meaning: str) -> str:
+        value = self._given(name, default, meaning)
+        if not isinstance(value, str):
+            raise ParameterError(f"parameter '{name}': expected text, got {value!r}")
+        return value
+
+    def _number(
+        self, name: str, default: float, bounds: tuple[float, float], meaning: str
+    ) -> float:
+        least, most = bounds
+        value = self._given(name, default, meaning)
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or not least <= value <= most:
+            raise ParameterError(
+                f"parameter '{name}': expected a number from {least:g} to {most:g}, got {value!r}"
+            )
+        return float(value)
+
+    def _numbers(self, name: str, default: list[int], known: list[int]) -> list[int]:
+        value = self._given(name, default, f'of {known}')
+        # rcl hands over an empty list as None, lists of numbers as array.array
+        scalar = value is None or isinstance(value, str | int | float)
+        numbers = [] if scalar else list(value)
+        if not numbers or len(set(numbers)) < len(numbers) or not set(numbers) <= set(known):
+            raise ParameterError(
+                f"parameter '{name}': expected different numbers of {known}, got {value!r}"
+            )
+        return numbers
+
+
+def main() -> int:
+    """Run the node until it is told to stop; 2 when a parameter or a file cannot be used."""
+    return run_command(lambda: run_node(OperatorNode))
+
+
+if __name__ == '__main__':
+    sys.exit(main())
