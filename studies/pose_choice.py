@@ -25,8 +25,8 @@ coordinate. Around each sphere a pool of 360 candidates that touch nothing and c
 hands spread evenly over a cap of 70 deg, all branches. `chosen`: exchanged until log det of the
 information is at its plateau. `random`: drawn from the same pool. `one branch`: drawn from the
 candidates of the branch that most hands of the sphere have; `20 deg`: and of a cap of 20 deg.
-`bound`: what no choice of so many poses can surpass: the best weights of the candidates, as if a
-pose could be taken in part or more than once.
+`bound`: what no choice of so many poses out of the pool can surpass, even if a pose could be taken
+in part or more than once.
 
 Predicted: standard uncertainty of a position anywhere in the workspace (rms), and the geometric
 mean over all parameters, in units of what was known beforehand. As many random poses: how many of
@@ -36,7 +36,7 @@ POSES = (10, 20, 30, 40, 50, 60)
 FULL = 60
 POOL = 6
 NOISE = 2e-5
-BOUND_STEPS = 150
+BOUND_STEPS = 300
 
 
 @dataclass(frozen=True)
@@ -111,28 +111,46 @@ def random_prediction(
     )
 
 
-def bound(telling: Telling, pools: Sequence[Pool], poses: int) -> Predicted:
-    """The best that weights of the candidates can do (Titterington's multiplicative steps)."""
+def bound(telling: Telling, pools: Sequence[Pool], poses: int) -> float:
+    """What the parameters' mean uncertainty cannot fall below, whatever the choice.
+
+    log det is concave in the weights of the candidates: from any weights it rises by no more than
+    its slope promises at the best corner. The weights are first brought near to the best ones, by
+    Titterington's multiplicative steps, so that there is little left to promise.
+    """
     weights = [np.full(len(pool.rows), poses / len(pool.rows)) for pool in pools]
-    every = [np.arange(len(pool.rows)) for pool in pools]
-    groups = sorted({pool.location for pool in pools})
     for _ in range(BOUND_STEPS):
-        scaled = _weighted(pools, weights)
-        total = information_of(telling, scaled, every)
-        for at in groups:
-            members = [i for i, pool in enumerate(pools) if pool.location == at]
-            own = telling.of_location(
-                [pools[i].sphere for i in members], np.array([pools[i].center for i in members]),
-                [scaled[i].rows for i in members],
-            )  # fmt: skip
-            free = len(total)
-            own[:free, :free] += total - telling.about_parameters(own)
-            covariance = np.linalg.inv(own)
-            for place, i in enumerate(members):
-                rows, part = pools[i].rows, telling.place_of(place)
-                told = np.einsum('nkf,fg,nkg->n', rows, covariance[np.ix_(part, part)], rows)
-                weights[i] = weights[i] * told * poses / (weights[i] @ told)
-    return predicted(telling, information_of(telling, _weighted(pools, weights), every))
+        _, told = _slopes(telling, pools, weights)
+        pairs = zip(weights, told, strict=True)
+        weights = [own * slope * poses / (own @ slope) for own, slope in pairs]
+    total, told = _slopes(telling, pools, weights)
+    promised = sum(
+        poses * slope.max() - own @ slope for own, slope in zip(weights, told, strict=True)
+    )
+    return float(np.exp(-(log_det(total) + promised) / (2 * len(total))))
+
+
+def _slopes(
+    telling: Telling, pools: Sequence[Pool], weights: Sequence[Array]
+) -> tuple[Array, list[Array]]:
+    """The information of weighted candidates, and how log det rises with each weight."""
+    scaled = _weighted(pools, weights)
+    total = information_of(telling, scaled, [np.arange(len(pool.rows)) for pool in pools])
+    free = len(total)
+    told: list[Array] = [np.empty(0)] * len(pools)
+    for at in sorted({pool.location for pool in pools}):
+        members = [i for i, pool in enumerate(pools) if pool.location == at]
+        own = telling.of_location(
+            [pools[i].sphere for i in members], np.array([pools[i].center for i in members]),
+            [scaled[i].rows for i in members],
+        )  # fmt: skip
+        own[:free, :free] += total - telling.about_parameters(own)
+        covariance = np.linalg.inv(own)
+        for place, i in enumerate(members):
+            part = telling.place_of(place)
+            inner = pools[i].rows @ covariance[np.ix_(part, part)]
+            told[i] = np.einsum('nkf,nkf->n', inner, pools[i].rows)
+    return total, told
 
 
 def _weighted(pools: Sequence[Pool], weights: Sequence[Array]) -> list[Pool]:
@@ -153,7 +171,7 @@ def predictions(draws: int) -> list[str]:
         programs = {
             'random': reference[n],
             'chosen': predicted(telling, information_of(telling, wide.pools, chosen)),
-            'bound': bound(telling, wide.pools, n),
+            'bound': Predicted(np.nan, bound(telling, wide.pools, n)),
         }
         if n in (20, FULL):
             single = wide.only(common_branch(wide))
@@ -163,13 +181,17 @@ def predictions(draws: int) -> list[str]:
         for name, one in programs.items():
             every[n, name] = one
             rows.append([
-                f'{n}', name, f'{one.position * 1e6:.2f}', f'{one.parameters * 1e3:.3f}',
-                f'{_as_many(reference, one, "position"):.0f}',
-                f'{_as_many(reference, one, "parameters"):.0f}',
+                f'{n}', name, _shown(one.position * 1e6, 2), _shown(one.parameters * 1e3, 3),
+                _shown(_as_many(reference, one, 'position'), 0),
+                _shown(_as_many(reference, one, 'parameters'), 0),
             ])  # fmt: skip
     header = ['poses a sphere', 'program', 'position um', 'parameters 1e-3', 'random: position',
               'random: parameters']  # fmt: skip
     return [*columns(header, rows), '', *_conclusions(every)]
+
+
+def _shown(number: float, digits: int) -> str:
+    return f'{number:.{digits}f}' if np.isfinite(number) else '-'
 
 
 def _conclusions(every: dict[tuple[int, str], Predicted]) -> list[str]:
