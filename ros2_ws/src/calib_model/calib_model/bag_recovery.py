@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -26,6 +27,8 @@ from calib_model.bag_account import Definition, FileAccount, metadata_yaml
 from calib_model.bag_reader import DAMAGE, LARGEST_RECORD, bag_files, files_in
 from calib_model.bag_writer import BagWriter, write_whole
 from calib_model.errors import BagError
+
+UNBEGUN = 1 << 16  # bytes: a recording's first chunk, the descriptions, is smaller
 
 
 @dataclass
@@ -94,27 +97,42 @@ def repair(bag: str | Path) -> list[FileAccount]:
     """Make every file of a bag's folder complete, in its place; what each then holds.
 
     A file is exchanged for its recovered copy in one step, so that a repair cut short does no
-    harm. Files with nothing in them are taken away. Files that are complete stay as they are.
+    harm. Files that are complete stay as they are. One that was cut before its first chunk is
+    taken away, and with the last of them the folder.
 
     Raises:
-        BagError: not a folder with MCAP files, or it cannot be written.
+        BagError: no bag there, nothing in a file that once held something, or the bag cannot be
+            written.
     """
     folder = Path(bag)
-    if not folder.is_dir():
+    files = files_in(folder) if folder.is_dir() else []
+    if not files and not (folder / 'metadata.yaml').is_file():
         raise BagError(f'{folder}: no such bag')
     accounts = []
     try:
-        for file in files_in(folder):
+        for left in folder.glob('.repair-*'):
+            shutil.rmtree(left)
+        for file in files:
             account = _repaired(file)
             if account.messages:
                 accounts.append(account)
+            elif file.stat().st_size > UNBEGUN:
+                raise BagError(f'{file}: no complete chunk in it, nothing can be recovered')
             else:
                 file.unlink()
-        if accounts:
-            write_whole(folder / 'metadata.yaml', metadata_yaml(accounts))
+        _list_files(folder, accounts)
     except OSError as error:
         raise BagError(f'{folder}: cannot be written: {error.strerror}') from error
     return accounts
+
+
+def _list_files(folder: Path, accounts: list[FileAccount]) -> None:
+    if accounts:
+        write_whole(folder / 'metadata.yaml', metadata_yaml(accounts))
+        return
+    (folder / 'metadata.yaml').unlink(missing_ok=True)
+    if not any(folder.iterdir()):
+        folder.rmdir()
 
 
 def _repaired(file: Path) -> FileAccount:

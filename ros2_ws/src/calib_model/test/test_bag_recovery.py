@@ -146,3 +146,23 @@ def test_other_readers_take_a_bag_of_several_files(whole: Path, tmp_path: Path) 
     with rosbags.AnyReader([bad]) as reader:
         data = [bytes(data) for _, _, data in reader.messages()]
     assert sorted(data) == sorted(message.data for message in messages(whole))
+
+
+def test_a_bag_killed_before_its_first_chunk_makes_way_for_a_new_one(
+    whole: Path, tmp_path: Path
+) -> None:
+    bad = cut(whole, tmp_path, 200)
+    (bad / 'metadata.yaml').write_text('')
+    (bad / '.repair-old' / 'copy').mkdir(parents=True)
+    assert repair(bad) == []
+    assert not bad.exists()
+    with pytest.raises(BagError, match='no such bag'):
+        repair(bad)
+
+
+def test_a_file_that_held_something_is_never_taken_away(whole: Path, tmp_path: Path) -> None:
+    bad = cut(whole, tmp_path, 0)
+    (bad / 'cut_0.mcap').write_bytes(bytes(100_000))
+    with pytest.raises(BagError, match='nothing can be recovered'):
+        repair(bad)
+    assert (bad / 'cut_0.mcap').stat().st_size == 100_000
