@@ -82,4 +82,4 @@ def table(count: int) -> list[str]:
 
 
 if __name__ == '__main__':
-    study('prior', ABOUT, 16, table)
+    study('prior', ABOUT, 10, table)
