@@ -40,8 +40,9 @@ TOLD = {
 
 
 def pair(
-    raw: Path, out: Path, settings: SteadySettings, placements: Path | None = None
-) -> Repeated:
+    raw: Path, out: Path, settings: SteadySettings, placements: Path | None = None,
+    correct_clock: bool = False,
+) -> Repeated:  # fmt: skip
     """Write the bag `out` of the poses paired anew from `raw`; whole or not at all.
 
     Raises:
@@ -52,7 +53,7 @@ def pair(
     if out.exists() or out.is_symlink():
         raise BagError(f'{out}: exists already, a bag is never overwritten')
     places = None if placements is None else read_description(placements, parse_placements)
-    repeated = repeat_pairing(raw, settings, places)
+    repeated = repeat_pairing(raw, settings, places, correct_clock)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix='.pair-', dir=out.parent) as part:
@@ -75,6 +76,10 @@ def _pair() -> None:
     parser.add_argument(
         '--placements', type=Path, metavar='P.yaml', help='where the gauge stood, by location'
     )
+    parser.add_argument(
+        '--correct-clock', action='store_true',
+        help='pair readings with the joints by the estimated offset between their clocks',
+    )  # fmt: skip
     for name, text in TOLD.items():
         parser.add_argument(
             f'--{name.replace("_", "-")}', type=float, metavar='X', help=f'{text}; as captured'
@@ -85,7 +90,11 @@ def _pair() -> None:
         each.name: getattr(given, each.name) for each in fields(settings)
         if getattr(given, each.name, None) is not None
     }  # fmt: skip
-    repeated = pair(given.raw, given.out, replace(settings, **chosen), given.placements)
+    repeated = pair(
+        given.raw, given.out, replace(settings, **chosen), given.placements, given.correct_clock
+    )
+    if given.correct_clock and repeated.clock is None:
+        print('no motion in contact: the offset between the clocks cannot be told')
     for line in repeated.lines():
         print(line)
     print(f'{given.out}: {len(repeated.measured.poses)} poses')

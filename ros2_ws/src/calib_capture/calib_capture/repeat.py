@@ -6,12 +6,13 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
+from calib_capture.clock_offset import ClockOffset, clock_offset
 from calib_capture.pairing import (
     SECOND,
     JointSample,
@@ -65,6 +66,7 @@ class Repeated:
     unknown: int
     refused: Counter[str] = field(default_factory=Counter)
     too_late: int = 0
+    clock: ClockOffset | None = None
 
     def lines(self) -> list[str]:
         """The counts in words."""
@@ -76,6 +78,8 @@ class Repeated:
         if self.refused:
             why = ', '.join(f'{count} {reason}' for reason, count in self.refused.most_common())
             lines.append(f'{sum(self.refused.values())} stops refused: {why}')
+        if self.clock is not None:
+            lines.append(self.clock.line())
         if self.too_late:
             lines.append(f'{self.too_late} messages came too late for their place')
         return lines
@@ -93,12 +97,14 @@ class _Raw:
 
 
 def repeat_pairing(
-    path: Path, settings: SteadySettings, placements: Mapping[int, RigidTransform] | None = None
-) -> Repeated:
+    path: Path, settings: SteadySettings, placements: Mapping[int, RigidTransform] | None = None,
+    correct_clock: bool = False,
+) -> Repeated:  # fmt: skip
     """The poses of a bag paired anew with `settings`, in time order.
 
     The recorded poses say which sphere each belongs to; with `placements` (`T_base_gauge`) the
-    nominal centres of the spheres do.
+    nominal centres of the spheres do. With `correct_clock` readings are paired at their stamps in
+    the joints' clock, as far as the streams tell the offset; poses keep the readings' stamps.
 
     Raises:
         BagError: no bag, a topic missing or not readable, or no pose comes of it.
@@ -111,10 +117,18 @@ def repeat_pairing(
             f'{path}: no {CAPTURE_POSES.name} to say which spheres were probed, '
             'say where the gauge stood (--placements)'
         )
-    outcomes, too_late = _paired(raw.stream, settings)
+    clock = clock_offset(
+        raw.arm, raw.probe, raw.gauge,
+        [each for each in raw.stream if isinstance(each, JointSample)],
+        [each for each in raw.stream if isinstance(each, Reading)],
+    )  # fmt: skip
+    shift = round(clock.seconds * SECOND) if clock is not None and correct_clock else 0
+    outcomes, too_late = _paired([_shifted(each, shift) for each in raw.stream], settings)
     steady = sorted(
-        (each for each in outcomes if isinstance(each, SteadyPose)), key=lambda each: each.stamp
-    )
+        (replace(each, stamp=each.stamp - shift) for each in outcomes
+         if isinstance(each, SteadyPose)),
+        key=lambda each: each.stamp,
+    )  # fmt: skip
     if placements is None:
         labels = _Recorded(raw.poses, settings).labels(steady)
     else:
@@ -126,7 +140,14 @@ def repeat_pairing(
     refused = Counter(each.reason.value for each in outcomes if isinstance(each, Refusal))
     missed = 0 if placements is not None else len(raw.poses) - len(known)
     recorded = len(raw.poses) if placements is None else 0
-    return Repeated(measured, recorded, missed, len(steady) - len(known), refused, too_late)
+    return Repeated(measured, recorded, missed, len(steady) - len(known), refused, too_late, clock)
+
+
+def _shifted(message: JointSample | Reading, shift: int) -> JointSample | Reading:
+    """A reading `shift` ns later; joint samples as they are."""
+    if isinstance(message, Reading) and shift:
+        return message._replace(stamp=message.stamp + shift)
+    return message
 
 
 def _probing_set(known: list[tuple[SteadyPose, Label]]) -> ProbingSet:

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An offset put between the clocks comes out again; streams that cannot tell give none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib_capture.clock_offset import clock_offset
+from calib_capture.pair import pair
+from calib_capture.pairing import SECOND, JointSample, Reading, SteadySettings
+from calib_capture.program import Planner, ProgramSettings
+from calib_model import cdr
+from calib_model.bag import read_measurement, write_descriptions
+from calib_model.bag_writer import BagWriter
+from calib_model.kinematics import points
+from calib_model.placement import placements_yaml
+from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
+
+pytestmark = pytest.mark.timeout(60)
+T0 = 1_700_000_000 * SECOND
+
+
+def stamp(seconds):
+    return T0 + round(seconds * SECOND)
+
+
+@pytest.fixture(scope='module')
+def postures(kr5, probe, gauge, placements):
+    settings = ProgramSettings(spheres=(1, 10), poses_per_sphere=4)
+    program = Planner(kr5, probe, gauge, settings).program(placements, [3])
+    return [(pose.joints, placements[3].apply(gauge.center(pose.sphere)))
+            for pose in program.poses]  # fmt: skip
+
+
+def streams(kr5, probe, gauge, postures, offset, swing=6e-3, seed=1):
+    """The true arm, off by mm from the nominal, sways around each posture for a second."""
+    rng = np.random.default_rng(seed)
+    true = replace(kr5, joints=tuple(
+        replace(joint, a=joint.a + rng.normal(0, 3e-4), d=joint.d + rng.normal(0, 3e-4),
+                theta_0=joint.theta_0 + rng.normal(0, 5e-4))
+        for joint in kr5.joints
+    ))  # fmt: skip
+    joints, readings = [], []
+    for number, (middle, sphere) in enumerate(postures):
+        phase, begin = rng.uniform(0, 6, 6), 3.0 * number
+
+        def at(t, middle=middle, phase=phase, begin=begin):
+            return middle + swing * 0.2 * np.sin(6 * (t - begin) + phase)
+
+        for t in begin + np.arange(0, 1, 1 / 250):
+            noise = rng.normal(0, 5e-6, 6)
+            joints.append(JointSample(stamp(t), at(t) + noise))
+        for t in begin + np.arange(0.0013, 1, 1 / 500):
+            s = touched(true, probe, gauge, at(t), sphere + points_off(true, kr5, probe, middle))
+            displacement = s + rng.normal(0, 2e-6, 3)
+            readings.append(Reading(stamp(t - offset), displacement, (0, 0, 0)))
+    return joints, readings
+
+
+def points_off(true, nominal, probe, middle):
+    """By how much the true arm misses: the gauge stands where it really is probed."""
+    p = probe.flange_T_probe.apply(np.zeros((1, 3)))
+    return (points(true, middle[None], p) - points(nominal, middle[None], p))[0]
+
+
+def touched(arm, probe, gauge, joints, p_base):
+    frame = np.vstack([np.zeros(3), np.eye(3)])
+    p_flange = probe.flange_T_probe.apply(frame)
+    origin, *axes = (points(arm, joints[None], each[None])[0] for each in p_flange)
+    p_probe = np.stack([axis - origin for axis in axes]) @ (p_base - origin)
+    return probe.displacements(p_probe[None], gauge.sphere_diameter)[0]
+
+
+@pytest.mark.parametrize('offset', [0.003, -0.0041, 0.0])
+def test_an_injected_offset_is_found_to_a_fifth_of_a_millisecond(
+    offset, kr5, probe, gauge, postures
+):
+    found = clock_offset(kr5, probe, gauge, *streams(kr5, probe, gauge, postures, offset))
+    assert abs(found.seconds - offset) < 2e-4
+    assert found.standard_uncertainty < 2e-4
+
+
+def test_an_arm_that_never_moves_in_contact_tells_nothing(kr5, probe, gauge, postures):
+    still = streams(kr5, probe, gauge, postures, 0.003, swing=0.0)
+    assert clock_offset(kr5, probe, gauge, *still) is None
+
+
+def test_streams_without_contact_tell_nothing(kr5, probe, gauge, postures):
+    joints, readings = streams(kr5, probe, gauge, postures[:1], 0.003)
+    away = [reading._replace(status=(1, 1, 1)) for reading in readings]
+    assert clock_offset(kr5, probe, gauge, joints, away) is None
+
+
+def test_pair_reports_the_offset_and_corrects_it_when_asked(
+    kr5, probe, gauge, placements, postures, tmp_path
+):
+    """Streams in motion throughout, taken for stops: the joints are those of the right instant."""
+    joints, readings = streams(kr5, probe, gauge, postures, 0.003)
+    with BagWriter(tmp_path / 'raw') as bag:
+        write_descriptions(bag, kr5, probe, gauge, T0)
+        for each in joints:
+            message = cdr.joint_state(each.stamp, 'base', list(kr5.joint_names), each.joints)
+            bag.write_message(JOINT_STATES, message, each.stamp)
+        for each in readings:
+            status = np.array(each.status, dtype=np.uint8)
+            message = cdr.displacements(each.stamp, 'probe', each.displacement, status)
+            bag.write_message(PROBE_DISPLACEMENTS, message, each.stamp)
+    (tmp_path / 'places.yaml').write_text(placements_yaml(placements))
+    anything = SteadySettings(settle=0.01, dwell=0.05, max_speed=1.0, max_spread=1.0)
+    spread = {}
+    for corrected in (False, True):
+        out = tmp_path / f'corrected_{corrected}'
+        done = pair(tmp_path / 'raw', out, anything, tmp_path / 'places.yaml', corrected)
+        assert abs(done.clock.seconds - 0.003) < 2e-4
+        poses = read_measurement(out).poses
+        at = [(each.stamp - T0) / SECOND for each in joints]
+        for shift in (0.0, 0.003):
+            t = (poses.stamp - T0) / SECOND + shift
+            right = [np.interp(t, at, [each.joints[i] for each in joints]) for i in range(6)]
+            spread[corrected, shift] = np.abs(np.transpose(right) - poses.joints).max()
+    assert spread[False, 0.0] < 1e-7
+    assert spread[True, 0.003] < 2e-6 < spread[False, 0.003]
