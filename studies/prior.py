@@ -21,11 +21,11 @@ from studies.scenes import (
 
 ABOUT = """
 A KR 5 sixx R650 with an active probe; rms error, um, of 300 predictions anywhere, median over the
-seeds, by the prior's strength (0: none; 10: the default). The arm's parameters are off in turn by
+seeds, by the prior's strength (0: none; 2: the default). The arm's parameters are off in turn by
 a third of what the prior says, by that, and by three times as much. `helped`: seeds at which the
 default is better than no prior; `ratio`: of their errors, median.
 """
-STRENGTHS = (0.0, 1.0, 3.0, 10.0)
+STRENGTHS = (0.0, 1.0, 2.0, 10.0)
 #: poses in all, locations, and poses of each of their 4 spheres
 SETS = ((60, 1, 15), (60, 3, 5), (1680, 7, 60), (10080, 7, 360))
 SIZES = (1 / 3, 1.0, 3.0)

@@ -45,7 +45,7 @@ def test_children_end_when_the_block_is_left_by_an_error(module):
 
 def test_a_failing_child_s_own_line_is_passed_on(module):
     with Children() as children:
-        text = "import sys; print('first'); sys.exit('bag: no such bag')"
+        text = "import sys; print('first', flush=True); sys.exit('bag: no such bag')"
         child = children.start(module('solver', text))
         with pytest.raises(ChildError, match='^solver: bag: no such bag$'):
             children.wait(child, 20)

@@ -79,7 +79,7 @@ def arguments() -> CommandParser:
         '--prior',
         default='',
         metavar='CHOICE',
-        help='none, a strength (default 10), auto (cross-validation over locations chooses it), '
+        help='none, a strength (default 2), auto (cross-validation over locations chooses it), '
         'or a YAML file of standard deviations',
     )
     parser.add_argument(

@@ -17,7 +17,7 @@ from calib_model.rotation import Array
 
 #: what a real arm's model leaves unsaid is alike in neighbouring postures, so this many poses
 #: tell as much as one with an error of its own would
-DEFAULT_STRENGTH = 10.0
+DEFAULT_STRENGTH = 2.0
 
 #: what `auto` lets cross-validation choose from
 CANDIDATES = (0.1, 1.0, 10.0, 100.0, 1000.0)
@@ -50,7 +50,7 @@ NO_PRIOR = Prior(DEFAULT_SIGMA, 0.0)
 
 
 def parse_prior(text: str, source: str = 'prior') -> Prior:
-    """A prior from YAML text: `sigma: {a: 0.001, alpha: 0.002, ...}`, `strength: 10.0`.
+    """A prior from YAML text: `sigma: {a: 0.001, alpha: 0.002, ...}`, `strength: 2.0`.
 
     Kinds that are left out keep their default; with `strength: auto` cross-validation chooses.
 

@@ -13,7 +13,14 @@ from simulated_calibration import kr5, passive, simulate
 from calib_model.errors import DataError
 from calib_solver.identification import Options, identify
 from calib_solver.loading import Calibration
-from calib_solver.prior import CANDIDATES, DEFAULT_SIGMA, Prior, chosen_prior, parse_prior
+from calib_solver.prior import (
+    CANDIDATES,
+    DEFAULT_SIGMA,
+    DEFAULT_STRENGTH,
+    Prior,
+    chosen_prior,
+    parse_prior,
+)
 from calib_solver.problem import Problem
 from calib_solver.result import result_record
 from calib_solver.selection import take_groups
@@ -72,7 +79,7 @@ def test_what_was_tried_is_told(tmp_path):
 def test_a_prior_that_was_given_tells_its_strength_alone():
     measured = simulate(kr5(), passive(), 66, locations=2, poses=5, noise=2e-4).measured
     told = result_record(identify(measured))['diagnostics']['prior']
-    assert told == {'strength': 10.0, 'cross_validation': None}
+    assert told == {'strength': DEFAULT_STRENGTH, 'cross_validation': None}
 
 
 def test_one_location_is_judged_over_its_spheres():
