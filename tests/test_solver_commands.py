@@ -123,6 +123,13 @@ def test_without_an_output_nothing_is_written(ros2_run, files, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_figures_are_drawn_beside_the_results_and_only_there(ros2_run, files, tmp_path):
+    done = ros2_run('identify', files / 'bag', '--figures', '--output', tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / 'before_and_after.png').read_bytes().startswith(b'\x89PNG')
+    one_line(ros2_run('identify', files / 'bag', '--figures'), '--figures needs --output')
+
+
 BAD = {
     'a bag that is not there': (['{}/nothing'], 'nothing: no such bag'),
     'a name that no file can have': (['a' * 300], 'no such bag'),

@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calib_model.arm import Arm
+from calib_model.errors import CalibrationError
+from calib_model.probe import Probe
 from calib_model.rotation import Array
 from calib_solver.identification import Identification
 from calib_solver.problem import Problem
@@ -47,16 +50,23 @@ def before_and_after(done: Identification) -> Figure:
     return figure
 
 
-def deviation_sizes(problem: Problem, quality: Quality, arm: object, probe: object) -> Array:
+def deviation_sizes(problem: Problem, quality: Quality, arm: Arm, probe: Probe) -> Array:
     """Each pose's distance (N,) from its sphere's mean, mm."""
-    points = probed_points(problem, arm, probe)  # type: ignore[arg-type]
+    points = probed_points(problem, arm, probe)
     centers = np.repeat(quality.spheres.center, problem.counts, axis=0)
     size: Array = np.linalg.norm(points - centers, axis=1) * 1e3
     return size
 
 
-def save_figures(done: Identification, folder: Path) -> list[Path]:
-    """The figures as PNG files in `folder`."""
-    path = folder / 'before_and_after.png'
-    before_and_after(done).savefig(path, dpi=110)
+def save_figures(done: Identification, folder: str | Path) -> list[Path]:
+    """The figures as PNG files in `folder`, which exists.
+
+    Raises:
+        CalibrationError: a file cannot be written.
+    """
+    path = Path(folder) / 'before_and_after.png'
+    try:
+        before_and_after(done).savefig(path, dpi=110)
+    except OSError as error:
+        raise CalibrationError(f'{path}: cannot be written: {error.strerror}') from error
     return [path]

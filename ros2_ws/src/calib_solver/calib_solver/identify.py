@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 
-from calib_model.command import CommandParser, run_command
+from calib_model.command import CommandParser, UsageError, run_command
 from calib_model.progress import Progress
 from calib_solver.identification import Options
 from calib_solver.loading import Calibration, Effort, Sources, calibrate
@@ -115,6 +116,11 @@ def arguments() -> CommandParser:
         metavar='ADDRESS',
         help="spread the work over this Dask scheduler's workers, as in tcp://192.168.0.7:8786",
     )
+    parser.add_argument(
+        '--figures',
+        action='store_true',
+        help='draw before_and_after.png into the folder of --output too',
+    )
     return parser
 
 
@@ -125,6 +131,8 @@ def run(argv: Sequence[str] | None = None) -> Calibration:
         CalibrationError: anything that keeps it from being done.
     """
     given = arguments().parse_args(argv)
+    if given.figures and not given.output:
+        raise UsageError('--figures needs --output DIR, where they are drawn')
     options = Options(
         given.objective,
         tuple(given.fix),
@@ -136,7 +144,14 @@ def run(argv: Sequence[str] | None = None) -> Calibration:
     test = [bag for group in given.test for bag in group]
     plan = Plan(given.monte_carlo, given.bootstrap, given.seed)
     effort = Effort(plan, given.scheduler, Progress(sys.stderr, 'repetitions'))
-    return calibrate(sources, options, test, given.output, effort)
+    finished = calibrate(sources, options, test, given.output, effort)
+    if given.figures:
+        # matplotlib takes longer to load than everything else together
+        from calib_solver.figures import save_figures
+
+        drawn = save_figures(finished.done, given.output)
+        finished = replace(finished, written=(*finished.written, *drawn))
+    return finished
 
 
 def main(argv: Sequence[str] | None = None) -> int:
