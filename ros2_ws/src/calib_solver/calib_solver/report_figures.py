@@ -19,9 +19,10 @@ LEAST = 1e-7  # mm: keeps a perfect value on a logarithmic axis
 
 def all_figures(done: Identification, test: Quality | None) -> list[str]:
     """Every chart that has something to show."""
-    figures = [*_distances(done, test), _two_sigma(done), *_clouds(done), _convergence(done)]
+    deviation = pose_deviations(done) * 1e3
+    figures = [*_distances(done, test), _two_sigma(done), *_clouds(deviation), _convergence(done)]
     figures += [*_workspace(done), _uncertainty(done)]
-    return figures + _against_joints(done)
+    return figures + _against_joints(done, deviation)
 
 
 def _mm(values: Array) -> Array:
@@ -60,8 +61,7 @@ def _two_sigma(done: Identification) -> str:
     return chart(series, title, 'sphere, location by location', 'mm', True)
 
 
-def _clouds(done: Identification) -> list[str]:
-    deviation = pose_deviations(done) * 1e3
+def _clouds(deviation: Array) -> list[str]:
     shown = deviation[_thinned(len(deviation))]
     return [
         chart(
@@ -102,8 +102,8 @@ def _uncertainty(done: Identification) -> str:
     return chart(series, title, 'mm', '% of postures below')
 
 
-def _against_joints(done: Identification) -> list[str]:
-    size = np.linalg.norm(pose_deviations(done), axis=1) * 1e3
+def _against_joints(done: Identification, deviation: Array) -> list[str]:
+    size = np.linalg.norm(deviation, axis=1)
     shown = _thinned(len(size))
     return [
         chart(
