@@ -12,11 +12,11 @@ from rclpy.parameter import Parameter
 from calib_capture.bodies import BodySettings, parse_bodies
 from calib_capture.configuration import configured, explained, number_within
 from calib_capture.messages import described
-from calib_capture.pairing import SteadySettings
 from calib_capture.program import ProgramSettings
 from calib_capture.run import RunSettings
 from calib_model.description import read_description
 from calib_model.errors import ParameterError
+from calib_model.pairing import SteadySettings
 from calib_model.placement import parse_placements
 from calib_model.rotation import RigidTransform
 

@@ -16,7 +16,6 @@ from trajectory_msgs.msg import JointTrajectory
 
 from calib_capture.capture_parameters_node import ParameterReader
 from calib_capture.messages import joint_trajectory, joints_of, qos_of, stamp_of
-from calib_capture.pairing import JointSample, Pairing, Reading
 from calib_capture.program import Planner, Program
 from calib_capture.recorder import Recorder
 from calib_capture.run import MeasuringRun, RunError
@@ -24,6 +23,7 @@ from calib_capture.session import CaptureSession
 from calib_capture.trajectory import Trajectory
 from calib_model.bag_account import FileAccount
 from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
+from calib_model.pairing import JointSample, Pairing, Reading
 from calib_model.rotation import RigidTransform
 from calib_model.topics import (
     ARM_DESCRIPTION,

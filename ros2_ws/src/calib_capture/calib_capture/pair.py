@@ -8,14 +8,14 @@ import tempfile
 from dataclasses import fields, replace
 from pathlib import Path
 
-from calib_capture.pairing import SteadySettings
-from calib_capture.recorder import NOTE, settings_of
 from calib_capture.repeat import Repeated, repeat_pairing
 from calib_model.bag import write_measurement
 from calib_model.bag_reader import read_note
 from calib_model.command import CommandParser, run_command
 from calib_model.description import read_description
 from calib_model.errors import BagError
+from calib_model.pairing import SteadySettings
+from calib_model.pairing_note import NOTE, settings_of
 from calib_model.placement import parse_placements
 
 ABOUT = """\

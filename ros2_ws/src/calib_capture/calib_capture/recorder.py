@@ -3,44 +3,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, fields, replace
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
 
-from calib_capture.pairing import SteadySettings
 from calib_model.arm import Arm
 from calib_model.bag import write_descriptions
 from calib_model.bag_account import FileAccount
 from calib_model.bag_writer import BagWriter
-from calib_model.errors import BagError
 from calib_model.gauge import Gauge
+from calib_model.pairing import SteadySettings
+from calib_model.pairing_note import NOTE, note_of
 from calib_model.probe import Probe
 from calib_model.topics import CAPTURE_POSES, Topic
-
-NOTE = 'calib_capture pairing'  # the metadata record that holds what poses were paired with
-
-
-def note_of(settings: SteadySettings) -> dict[str, str]:
-    """The settings as a bag keeps them; every number comes back bit for bit."""
-    return {key: repr(value) for key, value in asdict(settings).items()}
-
-
-def settings_of(note: Mapping[str, str]) -> SteadySettings:
-    """The settings from a bag's note; what it does not say is as by default.
-
-    Raises:
-        BagError: one of them is no number.
-    """
-    given: dict[str, float] = {}
-    for each in fields(SteadySettings):
-        try:
-            if each.name in note:
-                number = float(note[each.name])
-                given[each.name] = int(number) if each.name == 'min_readings' else number
-        except ValueError as error:
-            raise BagError(f'{NOTE}: {each.name} is {note[each.name]!r}, no number') from error
-    return replace(SteadySettings(), **given)  # type: ignore[arg-type]
 
 
 class Recorder:

@@ -12,8 +12,15 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from calib_capture.clock_offset import ClockOffset, clock_offset
-from calib_capture.pairing import (
+from calib_model import cdr
+from calib_model.arm import Arm
+from calib_model.bag_reader import BagMessage, read_messages
+from calib_model.clock_offset import ClockOffset, clock_offset
+from calib_model.description import parse_arm, parse_gauge, parse_probe
+from calib_model.errors import BagError, ContactError
+from calib_model.gauge import Gauge
+from calib_model.kinematics import points
+from calib_model.pairing import (
     SECOND,
     JointSample,
     Outcome,
@@ -23,13 +30,6 @@ from calib_capture.pairing import (
     SteadyPose,
     SteadySettings,
 )
-from calib_model import cdr
-from calib_model.arm import Arm
-from calib_model.bag_reader import BagMessage, read_messages
-from calib_model.description import parse_arm, parse_gauge, parse_probe
-from calib_model.errors import BagError, ContactError
-from calib_model.gauge import Gauge
-from calib_model.kinematics import points
 from calib_model.probe import Probe
 from calib_model.probing import Measurement, ProbingSet
 from calib_model.rotation import Array, RigidTransform

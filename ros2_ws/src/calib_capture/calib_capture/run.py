@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calib_capture.order import travel_time
-from calib_capture.pairing import SECOND, Outcome, Reason, Refusal, SteadyPose
 from calib_capture.program import PlannedPose, Program
 from calib_capture.trajectory import Trajectory
 from calib_model.arm import Arm
 from calib_model.errors import CalibrationError
+from calib_model.pairing import SECOND, Outcome, Reason, Refusal, SteadyPose
 from calib_model.rotation import Array
 
 NO_ANSWER = 'no answer'

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from calib_capture.pairing import JointSample, Outcome, Pairing, Reading
 from calib_capture.recorder import Recorder
 from calib_capture.run import MeasuringRun, Tally
 from calib_capture.trajectory import Trajectory
 from calib_model import cdr
+from calib_model.pairing import JointSample, Outcome, Pairing, Reading
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
 
 Clock = Callable[[], float]

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from calib_capture.pairing import (
+from calib_model.errors import CalibrationError
+from calib_model.pairing import (
     SECOND,
     JointSample,
     Pairing,
@@ -13,7 +14,6 @@ from calib_capture.pairing import (
     SteadyPose,
     SteadySettings,
 )
-from calib_model.errors import CalibrationError
 
 
 class StandingError(CalibrationError):

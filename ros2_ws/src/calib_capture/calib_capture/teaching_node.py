@@ -10,10 +10,10 @@ from collections import deque
 from calib_interfaces.srv import Teach
 
 from calib_capture.measuring_node import CaptureNode
-from calib_capture.pairing import JointSample, Reading, SteadySettings
 from calib_capture.standing import standing_pose
 from calib_capture.teach import TaughtSphere, TeachError, probed_sphere, taught_location
 from calib_model.errors import CalibrationError
+from calib_model.pairing import JointSample, Reading, SteadySettings
 
 WINDOW = 0.3  # s that the arm and the styli must have been steady, and are averaged
 SILENT = 1.0  # s without a joint state after which the arm counts as gone

@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib_capture.clock_offset import clock_offset
 from calib_capture.pair import pair
-from calib_capture.pairing import SECOND, JointSample, Reading, SteadySettings
 from calib_capture.program import Planner, ProgramSettings
 from calib_model import cdr
 from calib_model.bag import read_measurement, write_descriptions
 from calib_model.bag_writer import BagWriter
+from calib_model.clock_offset import clock_offset
 from calib_model.kinematics import points
+from calib_model.pairing import SECOND, JointSample, Reading, SteadySettings
 from calib_model.placement import placements_yaml
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
 

@@ -11,13 +11,13 @@ import pytest
 from calib_capture import pair as pair_command
 from calib_capture import recover as recover_command
 from calib_capture.pair import pair
-from calib_capture.pairing import SteadySettings
-from calib_capture.recorder import note_of, settings_of
 from calib_model import cdr
 from calib_model.bag import read_measurement, write_measurement
 from calib_model.bag_reader import read_messages
 from calib_model.bag_writer import BagWriter
 from calib_model.errors import BagError
+from calib_model.pairing import SteadySettings
+from calib_model.pairing_note import note_of, settings_of
 from calib_model.topics import CAPTURE_POSES, DESCRIPTIONS, JOINT_STATES, PROBE_DISPLACEMENTS
 
 pytestmark = pytest.mark.timeout(60)

@@ -6,16 +6,6 @@ import io
 import numpy as np
 import pytest
 
-from calib_capture.pairing import (
-    SECOND,
-    JointSample,
-    Pairing,
-    Reading,
-    Reason,
-    Refusal,
-    SteadyPose,
-    SteadySettings,
-)
 from calib_capture.program import PlannedPose, Program, SpherePlan
 from calib_capture.recorder import Recorder
 from calib_capture.run import NO_ANSWER, MeasuringRun, RunError, RunSettings
@@ -25,6 +15,16 @@ from calib_model import cdr
 from calib_model.bag import read_measurement
 from calib_model.bag_reader import read_messages
 from calib_model.errors import BagError
+from calib_model.pairing import (
+    SECOND,
+    JointSample,
+    Pairing,
+    Reading,
+    Reason,
+    Refusal,
+    SteadyPose,
+    SteadySettings,
+)
 from calib_model.progress import Progress
 from calib_model.topics import CAPTURE_POSES
 

@@ -7,6 +7,7 @@ import sys
 import tempfile
 import time
 from argparse import Namespace
+from collections.abc import Sequence
 from pathlib import Path
 
 from calib_model.bag import write_measurement
@@ -99,7 +100,7 @@ class _Told:
     """Progress of one part of the work after the other."""
 
     def __init__(self, things: str) -> None:
-        self._progress = Progress(things=things)
+        self._progress = Progress(sys.stdout, things)
         self._begin = time.monotonic()
 
     def __call__(self, done: int, planned: int, where: str) -> None:
@@ -149,12 +150,17 @@ def write(out: Path, measured: Measurement, hand: HandGuided | None) -> None:
 
 
 def main() -> int:
-    """The command."""
-    return run_command(_make)
+    """Entry point: exit code 0, or 2 and one line on stderr."""
+    return run_command(run)
 
 
-def _make() -> None:
-    given = arguments().parse_args()
+def run(argv: Sequence[str] | None = None) -> None:
+    """Parse a command line and make the bag.
+
+    Raises:
+        CalibrationError: anything that keeps it from being done.
+    """
+    given = arguments().parse_args(argv)
     if given.out.exists() or given.out.is_symlink():
         raise BagError(f'{given.out}: exists already, a bag is never overwritten')
     scene = read_scene(given.probe, {name: getattr(given, name) for name in FILES})

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_capture.pairing import SECOND, JointSample, Reading
 from calib_model.arm import Arm
 from calib_model.gauge import Gauge
 from calib_model.kinematics import points
+from calib_model.pairing import SECOND, JointSample, Reading
 from calib_model.probe import Probe
 from calib_model.rotation import Array
 

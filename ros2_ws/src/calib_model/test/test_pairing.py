@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calib_capture.pairing import (
+from calib_model.pairing import (
     SECOND,
     JointSample,
     Pairing,
