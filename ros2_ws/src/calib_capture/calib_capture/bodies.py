@@ -127,7 +127,7 @@ def _links(arm: Arm, settings: BodySettings) -> tuple[Body, ...]:
 def _in_last_joint(arm: Arm, probe: Probe, p_probe: Array) -> Array:
     """Points (K, 3) of the probe in the last joint's turning frame."""
     a, alpha, d, theta_0, beta = arm.geometry[:, -1]
-    p = probe.flange_T_probe.apply(p_probe)
+    p = arm.dh_T_flange.apply(probe.flange_T_probe.apply(p_probe))
     p = p @ _about(1, beta).T @ _about(0, alpha).T + np.array([a, 0.0, d])
     turned: Array = p @ _about(2, -theta_0).T
     return turned

@@ -36,6 +36,8 @@ class InverseKinematics:
     def __init__(self, arm: Arm, redundant: int = 2) -> None:
         self.arm = arm
         self._redundant = redundant
+        self._base_inverse = arm.base_T_dh.inverse().matrix()
+        self._flange_inverse = arm.dh_T_flange.inverse().matrix()
         if np.any(arm.geometry[4] != 0.0):
             raise InverseError(f'{arm.name}: no inverse kinematics for an arm with beta')
         if arm.n not in (DECOMPOSED_JOINTS, DECOMPOSED_JOINTS + 1):
@@ -74,7 +76,7 @@ class InverseKinematics:
             fixed = self.arm.direction[self._redundant] * redundant_value
             fixed -= self.arm.geometry[3, self._redundant]
             solver = self._solver([(self._redundant, float(fixed))])
-        solution = solver.IK(np.asarray(T_base_flange, dtype=np.float64))
+        solution = solver.IK(self._base_inverse @ T_base_flange @ self._flange_inverse)
         theta = np.asarray(solution.Q, dtype=np.float64).reshape(-1, self.arm.n)
         # out of reach EAIK answers with the nearest posture, flagged as least squares
         theta = theta[~np.asarray(solution.is_LS, dtype=bool).reshape(-1)]

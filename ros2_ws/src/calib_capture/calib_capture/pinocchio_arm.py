@@ -21,10 +21,11 @@ class PinocchioArm:
         self.arm = arm
         self.model = pinocchio.Model()
         self.model.name = arm.name
-        parent, placement = 0, pinocchio.SE3.Identity()
+        parent, placement = 0, pinocchio.SE3(arm.base_T_dh.matrix())
         for joint in arm.joints:
             parent = self._add_joint(joint, parent, placement)
             placement = _after_joint(joint)
+        placement = placement * pinocchio.SE3(arm.dh_T_flange.matrix())
         flange = pinocchio.Frame(
             arm.flange_frame, parent, placement, pinocchio.FrameType.OP_FRAME
         )

@@ -1,4 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -6,6 +8,7 @@ from hypothesis import strategies as st
 
 from calib_capture.inverse import InverseError, InverseKinematics
 from calib_model.kinematics import forward
+from calib_model.rotation import RigidTransform
 
 pytestmark = pytest.mark.timeout(60)
 SEEDS = st.integers(0, 2**32 - 1)
@@ -23,6 +26,15 @@ def test_the_posture_itself_is_among_the_branches(seed, kr5):
     found = InverseKinematics(arm).branches(forward(arm, q)[0])
     assert angle_between(found, q).max(axis=1).min() < 1e-6
     assert np.abs(forward(arm, found) - forward(arm, q)).max() < 1e-9
+
+
+def test_an_arm_off_its_base_and_flange_is_found_too(kr5):
+    rng = np.random.default_rng(4)
+    placed = [RigidTransform(*rng.uniform(-1, 1, (2, 3))) for _ in range(2)]
+    arm = replace(kr5, base_T_dh=placed[0], dh_T_flange=placed[1])
+    q = rng.uniform(*arm.limits.T)
+    found = InverseKinematics(arm).branches(forward(arm, q)[0])
+    assert angle_between(found, q).max(axis=1).min() < 1e-6
 
 
 @settings(max_examples=100, deadline=None)

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 
 from calib_capture.pinocchio_arm import PinocchioArm
 from calib_model.kinematics import forward, point_derivatives
+from calib_model.rotation import RigidTransform
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -17,7 +18,8 @@ def perturbed(arm, seed):
     flipped = rng.integers(0, 2, arm.n) * 2 - 1
     joints = [type(j)(**{**vars(j), 'direction': int(s)})
               for j, s in zip(changed.joints, flipped, strict=True)]  # fmt: skip
-    return type(arm)(arm.name, tuple(joints))
+    placed = [RigidTransform(*rng.uniform(-1, 1, (2, 3))) for _ in range(2)]
+    return type(arm)(arm.name, tuple(joints), arm.base_frame, arm.flange_frame, *placed)
 
 
 @pytest.mark.parametrize('name', ['kr5', 'iiwa14'])

@@ -9,10 +9,19 @@ from typing import Any
 import numpy as np
 
 from calib_model.errors import DataError
-from calib_model.rotation import Array, frozen
+from calib_model.rotation import Array, RigidTransform, frozen
 
 #: the five geometric parameters of a joint, in the order of the parameter table
 JOINT_PARAMETERS = ('a', 'alpha', 'd', 'theta_0', 'beta')
+
+
+@dataclass(frozen=True)
+class ControllerAxis:
+    """How the arm's own controller counts a joint: axis = direction * (q - zero), rad."""
+
+    name: str
+    direction: int = 1
+    zero: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -20,7 +29,8 @@ class Joint:
     """One joint: A = Tz(d) Rz(theta) Tx(a) Rx(alpha) Ry(beta), theta = direction * q - theta_0.
 
     Lengths in m, angles in rad, `velocity` in rad/s; `beta` is Hayati's angle for an axis that is
-    (nearly) parallel to the next one and zero everywhere else.
+    (nearly) parallel to the next one and zero everywhere else. `controller` says what the arm's
+    controller shows for it, where that is another number.
     """
 
     name: str
@@ -32,16 +42,24 @@ class Joint:
     direction: int = 1
     limits: tuple[float, float] = (-np.inf, np.inf)
     velocity: float = np.inf
+    controller: ControllerAxis | None = None
 
 
 @dataclass(frozen=True)
 class Arm:
-    """An arm of n joints between `base_frame` and `flange_frame`."""
+    """An arm of n joints: T_base_flange = base_T_dh A_1 .. A_n dh_T_flange (eq. 3).
+
+    `base_T_dh` and `dh_T_flange` place the D-H chain between `base_frame` and `flange_frame` where
+    its own parameters cannot; `flange_T_controller` is the controller's flange frame in ours.
+    """
 
     name: str
     joints: tuple[Joint, ...]
     base_frame: str = 'base_link'
     flange_frame: str = 'tool0'
+    base_T_dh: RigidTransform = RigidTransform()
+    dh_T_flange: RigidTransform = RigidTransform()
+    flange_T_controller: RigidTransform = RigidTransform()
     geometry: Array = field(init=False, repr=False, compare=False)
     direction: Array = field(init=False, repr=False, compare=False)
 

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 import yaml
 
-from calib_model.arm import Arm, Joint
+from calib_model.arm import Arm, ControllerAxis, Joint
 from calib_model.errors import DescriptionError
 from calib_model.fields import Fields, load_mapping
 from calib_model.gauge import Gauge
@@ -18,7 +18,11 @@ from calib_model.probe import STYLI, ActiveProbe, PassiveProbe, Probe, Stylus
 from calib_model.rotation import RigidTransform
 
 T = TypeVar('T')
-JOINT_KEYS = ('name', 'a', 'alpha', 'd', 'theta_0', 'beta', 'direction', 'limits', 'velocity')
+ARM_TRANSFORMS = ('base_T_dh', 'dh_T_flange', 'flange_T_controller')
+JOINT_KEYS = (
+    'name', 'a', 'alpha', 'd', 'theta_0', 'beta', 'direction', 'limits', 'velocity', 'controller'
+)  # fmt: skip
+TRANSFORM_KEYS = ('translation', 'rotation_vector')
 
 
 def read_description(path: str | Path, parse: Callable[[str, str], T]) -> T:
@@ -42,7 +46,8 @@ def parse_arm(text: str, source: str = 'arm description') -> Arm:
     Raises:
         DescriptionError: a key is missing, unknown, or has a value of the wrong kind.
     """
-    top = load_mapping(text, source, ('name', 'base_frame', 'flange_frame', 'joints'))
+    keys = ('name', 'base_frame', 'flange_frame', 'joints', *ARM_TRANSFORMS)
+    top = load_mapping(text, source, keys)
     joints = tuple(_joint(row) for row in top.rows('joints', JOINT_KEYS))
     names = [joint.name for joint in joints]
     for name in names:
@@ -53,13 +58,33 @@ def parse_arm(text: str, source: str = 'arm description') -> Arm:
         joints,
         top.text('base_frame', 'base_link'),
         top.text('flange_frame', 'tool0'),
+        *(_transform(top, key) if key in top else RigidTransform() for key in ARM_TRANSFORMS),
     )
 
 
-def _joint(row: Fields) -> Joint:
+def _transform(top: Fields, key: str) -> RigidTransform:
+    """A rigid transform, m and rad; what is not there is zero."""
+    row = top.mapping(key, TRANSFORM_KEYS)
+    translation, turn = (row.numbers(name, 3, (0.0, 0.0, 0.0)) for name in TRANSFORM_KEYS)
+    return RigidTransform(np.array(translation), np.array(turn))
+
+
+def _direction(row: Fields) -> int:
     direction = row.number('direction', 1.0)
     if direction not in (1.0, -1.0):
         raise row.refuse('direction', 'expected 1 or -1')
+    return int(direction)
+
+
+def _controller(row: Fields) -> ControllerAxis | None:
+    if 'controller' not in row:
+        return None
+    axis = row.mapping('controller', ('axis', 'direction', 'zero'))
+    return ControllerAxis(axis.text('axis'), _direction(axis), axis.number('zero', 0.0))
+
+
+def _joint(row: Fields) -> Joint:
+    direction = _direction(row)
     lower, upper = row.numbers('limits', 2, (-np.inf, np.inf), finite=False)
     if not lower < upper:
         raise row.refuse('limits', 'expected [lower, upper] with lower < upper')
@@ -68,8 +93,8 @@ def _joint(row: Fields) -> Joint:
         raise row.refuse('velocity', 'expected a speed above zero')
     a, alpha, d, theta_0 = (row.number(key) for key in ('a', 'alpha', 'd', 'theta_0'))
     return Joint(
-        row.text('name'), a, alpha, d, theta_0, row.number('beta', 0.0), int(direction),
-        (lower, upper), velocity,
+        row.text('name'), a, alpha, d, theta_0, row.number('beta', 0.0), direction,
+        (lower, upper), velocity, _controller(row),
     )  # fmt: skip
 
 
@@ -81,14 +106,10 @@ def parse_probe(text: str, source: str = 'probe description') -> Probe:
     """
     top = load_mapping(text, source, ('name', 'kind', 'flange_T_probe', 'styli', 'center'))
     name, kind = top.text('name'), top.text('kind')
-    mount = top.mapping('flange_T_probe', ('translation', 'rotation_vector'))
-    zero = (0.0, 0.0, 0.0)
-    flange_T_probe = RigidTransform(
-        np.array(mount.numbers('translation', 3, zero)),
-        np.array(mount.numbers('rotation_vector', 3, zero)),
-    )
+    flange_T_probe = _transform(top, 'flange_T_probe')
     if kind == 'passive':
-        return PassiveProbe(name, flange_T_probe, np.array(top.numbers('center', 3, zero)))
+        center = top.numbers('center', 3, (0.0, 0.0, 0.0))
+        return PassiveProbe(name, flange_T_probe, np.array(center))
     if kind != 'active':
         raise top.refuse('kind', f"expected 'active' or 'passive', got {kind!r}")
     rows = top.rows('styli', ('origin', 'direction', 'tip_radius', 'stroke'))
@@ -153,21 +174,29 @@ def arm_yaml(arm: Arm) -> str:
             row['limits'] = list(joint.limits)
         if np.isfinite(joint.velocity):
             row['velocity'] = joint.velocity
+        if joint.controller is not None:
+            axis = joint.controller
+            row['controller'] = {
+                'axis': axis.name, 'direction': axis.direction, 'zero': axis.zero
+            }  # fmt: skip
         joints.append(row)
-    return _dump({
-        'name': arm.name, 'base_frame': arm.base_frame, 'flange_frame': arm.flange_frame,
-        'joints': joints,
-    })  # fmt: skip
+    top: dict[str, Any] = {
+        'name': arm.name, 'base_frame': arm.base_frame, 'flange_frame': arm.flange_frame
+    }  # fmt: skip
+    for key in ARM_TRANSFORMS:
+        if not getattr(arm, key).is_identity:
+            top[key] = _transform_row(getattr(arm, key))
+    return _dump({**top, 'joints': joints})
+
+
+def _transform_row(transform: RigidTransform) -> dict[str, list[float]]:
+    return {key: getattr(transform, key).tolist() for key in TRANSFORM_KEYS}
 
 
 def probe_yaml(probe: Probe) -> str:
     """The YAML text of a probe; every number comes back bit for bit."""
-    mount = probe.flange_T_probe
     top: dict[str, Any] = {'name': probe.name, 'kind': probe.kind}
-    top['flange_T_probe'] = {
-        'translation': mount.translation.tolist(),
-        'rotation_vector': mount.rotation_vector.tolist(),
-    }
+    top['flange_T_probe'] = _transform_row(probe.flange_T_probe)
     if isinstance(probe, PassiveProbe):
         top['center'] = probe.center.tolist()
     else:

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Forward kinematics (eqs. 2 to 4, 9) and its analytic derivatives, vectorised over poses."""
+"""Forward kinematics (eqs. 2 to 4, 9) and its analytic derivatives, vectorised over poses.
+
+The arm's `base_T_dh` and `dh_T_flange` stand before the first and behind the last matrix.
+"""
 
 from __future__ import annotations
 
@@ -31,8 +34,8 @@ def joint_frames(arm: Arm, q: Array) -> Iterator[JointFrame]:
     """The frames of eq. 2, joint by joint from the base, for postures q (N, n) in rad."""
     q = arm.check_joints(q)
     count = len(q)
-    rotation = np.broadcast_to(np.eye(3), (count, 3, 3))
-    origin = np.zeros((count, 3))
+    rotation = np.broadcast_to(arm.base_T_dh.rotation, (count, 3, 3))
+    origin = np.tile(arm.base_T_dh.translation, (count, 1))
     for i, (a, alpha, d, theta_0, beta) in enumerate(arm.geometry.T):
         theta = arm.direction[i] * q[:, i] - theta_0
         cosine, sine = np.cos(theta)[:, None], np.sin(theta)[:, None]
@@ -56,8 +59,8 @@ def forward(arm: Arm, q: Array) -> Array:
     """
     *_, last = joint_frames(arm, q)
     matrices = np.zeros((len(last.origin), 4, 4))
-    matrices[:, :3, :3] = last.rotation
-    matrices[:, :3, 3] = last.origin
+    matrices[:, :3, :3] = last.rotation @ arm.dh_T_flange.rotation
+    matrices[:, :3, 3] = last.origin + last.rotation @ arm.dh_T_flange.translation
     matrices[:, 3, 3] = 1.0
     return matrices
 
@@ -71,7 +74,7 @@ def points(arm: Arm, q: Array, p_flange: Array) -> Array:
         DataError: `q` has not the arm's number of joints.
     """
     q = arm.check_joints(q)
-    x, y, z = np.broadcast_to(p_flange, (len(q), 3)).T
+    x, y, z = _in_last_frame(arm, p_flange, len(q)).T
     for i in reversed(range(arm.n)):
         a, alpha, d, theta_0, beta = arm.geometry[:, i]
         if beta != 0.0:
@@ -81,7 +84,14 @@ def points(arm: Arm, q: Array, p_flange: Array) -> Array:
         theta = arm.direction[i] * q[:, i] - theta_0
         cosine, sine = np.cos(theta), np.sin(theta)
         x, y = cosine * x - sine * y, sine * x + cosine * y
-    return np.stack([x, y, z], axis=-1)
+    p_dh = np.stack([x, y, z], axis=-1)
+    return p_dh if arm.base_T_dh.is_identity else arm.base_T_dh.apply(p_dh)
+
+
+def _in_last_frame(arm: Arm, p_flange: Array, count: int) -> Array:
+    """Points of the flange in the frame of the last D-H matrix, shape (count, 3)."""
+    p = np.broadcast_to(p_flange, (count, 3))
+    return p if arm.dh_T_flange.is_identity else arm.dh_T_flange.apply(p)
 
 
 @dataclass(frozen=True)
@@ -110,8 +120,8 @@ def point_derivatives(arm: Arm, q: Array, p_flange: Array) -> PointDerivatives:
     """
     q = arm.check_joints(q)
     frames = list(joint_frames(arm, q))
-    flange = frames[-1].rotation
-    lever = np.einsum('nij,nj->ni', flange, np.broadcast_to(p_flange, (len(q), 3)))
+    last = frames[-1].rotation
+    lever = np.einsum('nij,nj->ni', last, _in_last_frame(arm, p_flange, len(q)))
     p_base = frames[-1].origin + lever
     geometry = np.empty((len(q), 3, len(JOINT_PARAMETERS), arm.n))
     joints = np.empty((len(q), 3, arm.n))
@@ -124,4 +134,4 @@ def point_derivatives(arm: Arm, q: Array, p_flange: Array) -> PointDerivatives:
         geometry[:, :, 3, i] = -turned
         geometry[:, :, 4, i] = np.cross(frame.rotation[:, :, 1], from_origin)
         joints[:, :, i] = arm.direction[i] * turned
-    return PointDerivatives(p_base, geometry, joints, flange)
+    return PointDerivatives(p_base, geometry, joints, last @ arm.dh_T_flange.rotation)

@@ -95,7 +95,7 @@ def nearest_rotation(matrix: Array) -> Array:
     return rotation
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RigidTransform:
     """A rotation vector (3,) in rad and a translation (3,) in m: x_parent = R x_child + t."""
 
@@ -105,6 +105,22 @@ class RigidTransform:
     def __post_init__(self) -> None:
         object.__setattr__(self, 'translation', frozen(self.translation))
         object.__setattr__(self, 'rotation_vector', frozen(self.rotation_vector))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, RigidTransform):
+            return NotImplemented
+        return self._numbers() == other._numbers()
+
+    def __hash__(self) -> int:
+        return hash(self._numbers())
+
+    def _numbers(self) -> tuple[float, ...]:
+        return (*self.translation.tolist(), *self.rotation_vector.tolist())
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether it moves nothing at all."""
+        return not any(self._numbers())
 
     @classmethod
     def from_matrix(cls, matrix: Array) -> RigidTransform:

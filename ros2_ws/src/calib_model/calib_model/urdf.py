@@ -26,7 +26,7 @@ def arm_urdf(arm: Arm, radius: float = 0.03) -> str:
     robot = ElementTree.Element('robot', name=arm.name)
     links = [arm.base_frame, *_link_names(arm), arm.flange_frame]
     before = [_before_turn(arm, i) for i in range(arm.n)]
-    offsets = [*before, _after_turn(arm.joints[-1])]
+    offsets = [*before, _after_turn(arm.joints[-1]) @ arm.dh_T_flange.matrix()]
     for name, to_next in zip(links, [*offsets, None], strict=True):
         link = ElementTree.SubElement(robot, 'link', name=name)
         if to_next is not None and radius > 0:
@@ -72,7 +72,7 @@ def _before_turn(arm: Arm, i: int) -> Array:
     """The fixed offset from joint i's predecessor (or the base) to its own frame, (4, 4)."""
     own = RigidTransform(np.array([0.0, 0.0, arm.joints[i].d])).matrix()
     own[:3, :3] = _about_z(-arm.joints[i].theta_0)
-    return own if i == 0 else _after_turn(arm.joints[i - 1]) @ own
+    return (arm.base_T_dh.matrix() if i == 0 else _after_turn(arm.joints[i - 1])) @ own
 
 
 def _about_y(angle: float) -> Array:

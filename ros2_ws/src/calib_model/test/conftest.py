@@ -9,6 +9,7 @@ from calib_model.description import parse_arm, parse_gauge, parse_probe, read_de
 from calib_model.gauge import Gauge
 from calib_model.probe import ActiveProbe
 from calib_model.probing import Measurement, ProbingSet
+from calib_model.rotation import RigidTransform
 
 
 @pytest.fixture(scope='session')
@@ -41,13 +42,15 @@ def gauge(config: Path) -> Gauge:
 
 @pytest.fixture(scope='session')
 def odd_arm() -> Arm:
-    """Five joints that use everything: beta, directions, offsets, nothing at a right angle."""
+    """Five joints that use everything: beta, directions, offsets, nothing at a right angle, and a
+    D-H chain that begins off the base and ends off the flange."""
     rng = np.random.default_rng(5)
     joints = []
     for i in range(5):
         a, alpha, d, theta_0, beta = rng.uniform(-1, 1, 5)
         joints.append(Joint(f'j{i}', a, alpha, d, theta_0, beta, (1, -1, -1, 1, -1)[i]))
-    return Arm('odd', tuple(joints))
+    placed = [RigidTransform(*rng.uniform(-1, 1, (2, 3))) for _ in range(2)]
+    return Arm('odd', tuple(joints), 'base_link', 'tool0', *placed)
 
 
 @pytest.fixture(scope='session')

@@ -8,7 +8,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calib_model.arm import Arm, Joint
+from calib_model.arm import Arm, ControllerAxis, Joint
 from calib_model.description import (
     arm_yaml,
     gauge_yaml,
@@ -26,6 +26,7 @@ from calib_model.rotation import RigidTransform
 
 NUMBER = st.floats(allow_nan=False, allow_infinity=False)
 TRIPLE = st.tuples(NUMBER, NUMBER, NUMBER)
+TRANSFORM = st.builds(RigidTransform, st.builds(np.array, TRIPLE), st.builds(np.array, TRIPLE))
 NAME = st.text(st.characters(codec='utf-8', exclude_categories=('Cs', 'Cc')), min_size=1)
 
 ARM = """\
@@ -60,8 +61,11 @@ def arms(draw: st.DrawFn) -> Arm:
         limits = (low, high) if low < high else (-np.inf, np.inf)
         velocity = draw(st.floats(1e-300, 1e300) | st.just(np.inf))
         values = draw(st.tuples(NUMBER, NUMBER, NUMBER, NUMBER, NUMBER))
-        joints.append(Joint(name, *values, draw(st.sampled_from((1, -1))), limits, velocity))
-    return Arm(draw(NAME), tuple(joints), draw(NAME), draw(NAME))
+        direction = st.sampled_from((1, -1))
+        axis = draw(st.none() | st.builds(ControllerAxis, NAME, direction, NUMBER))
+        joints.append(Joint(name, *values, draw(direction), limits, velocity, axis))
+    placed = [draw(TRANSFORM) for _ in range(3)]
+    return Arm(draw(NAME), tuple(joints), draw(NAME), draw(NAME), *placed)
 
 
 @given(arms())
@@ -128,6 +132,12 @@ def test_what_is_optional_may_be_left_out() -> None:
     assert (first.limits, first.velocity, first.beta, first.direction) == ((-1.0, 1.0), 2.0, 0.0, 1)
     assert second.limits == (-np.inf, np.inf)
     assert parse_arm(ARM).base_frame == 'base_link'
+    assert (first.controller, parse_arm(ARM).base_T_dh.is_identity) == (None, True)
+
+
+def test_an_arm_without_transforms_is_written_as_before() -> None:
+    assert '_T_' not in arm_yaml(parse_arm(ARM))
+    assert 'controller' not in arm_yaml(parse_arm(ARM))
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from calib_model.kinematics import forward, points
 
 def eq_2(arm: Arm, q: np.ndarray) -> np.ndarray:
     """T_base_flange of one posture as the product of eq. 2's matrices, element by element."""
-    T = np.eye(4)
+    T = arm.base_T_dh.matrix()
     for joint, position in zip(arm.joints, q, strict=True):
         theta = joint.direction * position - joint.theta_0
         ct, st = np.cos(theta), np.sin(theta)
@@ -23,7 +23,7 @@ def eq_2(arm: Arm, q: np.ndarray) -> np.ndarray:
         ])
         hayati = np.array([[cb, 0, sb, 0], [0, 1, 0, 0], [-sb, 0, cb, 0], [0, 0, 0, 1]])
         T = T @ A @ hayati
-    return T
+    return T @ arm.dh_T_flange.matrix()
 
 
 def test_forward_is_the_product_of_eq_2(arms: list[Arm], odd_arm: Arm) -> None:

@@ -12,6 +12,7 @@
 #define TILE 4          /* columns multiplied at a time */
 #define WIDE 4          /* doubles in a vector */
 #define MOST_JOINTS 16
+#define MOUNT_SIZE 45   /* the probe's 21, the base's 12, the flange's 12 */
 
 typedef double lanes[LANES];
 typedef double vector __attribute__((vector_size(WIDE * sizeof(double))));
@@ -24,6 +25,8 @@ typedef struct {
     int n;
     JointConstants joint[MOST_JOINTS];
     double mount[3][3], place[3], probe_axis[3][3];
+    double base[3][3], base_place[3], flange[3][3], flange_place[3];
+    int plain_flange;
 } Arm;
 
 typedef struct {
@@ -86,13 +89,20 @@ static void set_arm(Arm *arm, const double *geometry, const double *mount)
                               cos(zero),   sin(zero),           cos(beta),  sin(beta)};
     }
     /* mount: rotation by rows, translation, then the axes about which each rotation
-     * parameter turns the probe */
+     * parameter turns the probe; then the transforms before the first joint and behind the last */
+    arm->plain_flange = 1;
     for (int k = 0; k < 3; ++k) {
         for (int m = 0; m < 3; ++m) {
             arm->mount[k][m] = mount[3 * k + m];
             arm->probe_axis[k][m] = mount[12 + 3 * k + m];
+            arm->base[k][m] = mount[21 + 3 * k + m];
+            arm->flange[k][m] = mount[33 + 3 * k + m];
+            arm->plain_flange &= arm->flange[k][m] == (k == m);
         }
         arm->place[k] = mount[9 + k];
+        arm->base_place[k] = mount[30 + k];
+        arm->flange_place[k] = mount[42 + k];
+        arm->plain_flange &= arm->flange_place[k] == 0.0;
     }
 }
 
@@ -107,7 +117,7 @@ static int sizes_fit(const Py_buffer *in, const Py_buffer *out, const Arm *arm, 
                                         3 * f * spheres, p * p * spheres};
     int fit = in[COSINE].len == n * poses->count * word && in[SINE].len == in[COSINE].len
               && in[CENTERS].len == 3 * poses->count * word && in[GEOMETRY].len == 5 * n * word
-              && in[MOUNT].len == 21 * word;
+              && in[MOUNT].len == MOUNT_SIZE * word;
     for (int i = 0; i < OUTPUTS; ++i)
         fit = fit && out[i].len == wanted[i] * word;
     const long long *start = in[START].buf;
@@ -155,7 +165,7 @@ PyDoc_STRVAR(accumulate_doc,
 "accumulate(inputs, outputs, first, last)\n--\n\n"
 "Add the sums of the spheres from `first` to before `last` to zeroed `outputs`.\n\n"
 "inputs: cosine (n, N), sine (n, N), centers (N, 3), weight (N,), start (S + 1,) int64,\n"
-"geometry (5, n), mount (21,), columns (F,) int64. outputs: weight (S,), reference (S, 3),\n"
+"geometry (5, n), mount (45,), columns (F,) int64. outputs: weight (S,), reference (S, 3),\n"
 "moment (S, 3), spread (S, 3), jacobian (S, 3, F), normal (S, P, P) with P = F + 1 rounded up\n"
 "to a multiple of 4, upper tiles only, its column F the deviations. All C-contiguous.\n"
 "Raises ValueError when the sizes do not go together.");

@@ -10,12 +10,13 @@ static void PASS(frames)(const Arm *arm, const double *cosine, const double *sin
                          Frames *f)
 {
     lanes ax[3], az[3], ay[3], o[3];
-    memset(ax, 0, sizeof ax);
-    memset(ay, 0, sizeof ay);
-    memset(az, 0, sizeof az);
-    memset(o, 0, sizeof o);
-    for (int l = 0; l < LANES; ++l)
-        ax[0][l] = ay[1][l] = az[2][l] = 1.0;
+    for (int k = 0; k < 3; ++k)
+        for (int l = 0; l < LANES; ++l) {
+            ax[k][l] = arm->base[k][0];
+            ay[k][l] = arm->base[k][1];
+            az[k][l] = arm->base[k][2];
+            o[k][l] = arm->base_place[k];
+        }
     for (int i = 0; i < arm->n; ++i) {
         const JointConstants j = arm->joint[i];
         lanes c, s;
@@ -46,6 +47,16 @@ static void PASS(frames)(const Arm *arm, const double *cosine, const double *sin
     memcpy(f->axis[1], ay, sizeof ay);
     memcpy(f->axis[2], az, sizeof az);
     memcpy(f->origin, o, sizeof o);
+    if (arm->plain_flange)
+        return;
+    for (int k = 0; k < 3; ++k)
+        for (int l = 0; l < LANES; ++l) {
+            for (int m = 0; m < 3; ++m)
+                f->axis[m][k][l] = ax[k][l] * arm->flange[0][m] + ay[k][l] * arm->flange[1][m]
+                                   + az[k][l] * arm->flange[2][m];
+            f->origin[k][l] += ax[k][l] * arm->flange_place[0] + ay[k][l] * arm->flange_place[1]
+                               + az[k][l] * arm->flange_place[2];
+        }
 }
 
 /* column = scale * factor * (axis x (point - through)), or scale * axis for a length */

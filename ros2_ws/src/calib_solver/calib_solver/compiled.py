@@ -69,11 +69,17 @@ def raw_sums(problem: Problem, table: ParameterTable, full: Array) -> RawSums:
     )
     outputs = tuple(vars(raw).values())
     size = 5 * table.n
+    arm = problem.measured.arm
     mount = np.concatenate(
         [
             rotation_matrix(full[size + 3 :]).reshape(-1),
             full[size : size + 3],
             left_jacobian(full[size + 3 :]).T.reshape(-1),
+            *(
+                part
+                for end in (arm.base_T_dh, arm.dh_T_flange)
+                for part in (end.rotation.reshape(-1), end.translation)
+            ),
         ]
     )
     inputs = (

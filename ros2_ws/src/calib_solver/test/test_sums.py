@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from simulated_calibration import iiwa, kr5, passive, random_arm, simulate, turned_kr5
 
+from calib_model.arm import Arm
 from calib_model.kinematics import points
 from calib_model.parameters import ParameterTable
 from calib_model.probe import trihedron
@@ -28,7 +29,15 @@ def scene_of(arm, probe, poses=6):
     return simulate(arm.with_geometry(geometry), probe, 5, locations=2, poses=poses)
 
 
+def off_base_and_flange(arm: Arm) -> Arm:
+    """The arm with transforms before its first joint and behind its last."""
+    base = RigidTransform(np.array([0.3, -0.2, 0.5]), np.array([0.4, -1.0, 0.7]))
+    flange = RigidTransform(np.array([-0.02, 0.05, 0.03]), np.array([-1.2, 0.3, 0.9]))
+    return replace(arm, base_T_dh=base, dh_T_flange=flange)
+
+
 CASES = {
+    'off the base and the flange': (off_base_and_flange(kr5()), FAR_TURNED),
     'kr5, probe turned far': (kr5(), FAR_TURNED),
     'directions of -1': (turned_kr5(), FAR_TURNED),
     'seven joints': (iiwa(), FAR_TURNED),

@@ -38,13 +38,13 @@ def reach(arm: Arm, q: Array, p_flange: Array) -> Reach:
     """
     frames = list(joint_frames(arm, q))
     last = frames[-1]
-    p_base = last.origin + np.einsum(
-        'nij,nj->ni', last.rotation, np.broadcast_to(p_flange, last.origin.shape)
-    )
+    p_last = arm.dh_T_flange.apply(np.broadcast_to(p_flange, last.origin.shape))
+    p_base = last.origin + np.einsum('nij,nj->ni', last.rotation, p_last)
     jacobian = np.empty((*p_base.shape, arm.n))
     for i, frame in enumerate(frames):
         jacobian[:, :, i] = np.cross(frame.z_joint, p_base - frame.origin_joint)
-    return Reach(p_base, jacobian * arm.direction, last.rotation)
+    rotation = last.rotation @ arm.dh_T_flange.rotation
+    return Reach(p_base, jacobian * arm.direction, rotation)
 
 
 def seated(
