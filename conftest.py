@@ -2,7 +2,19 @@
 """What every test of every package needs."""
 
 import signal
+from collections.abc import Iterator
+
+import pytest
+
+from calib_bringup.domains import claimed_domain
 
 # A shell that starts pytest in the background makes it ignore Ctrl-C, and so would every process
 # that a test starts and then interrupts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture
+def domain() -> Iterator[int]:
+    """A ROS domain id that no graph of this machine is on, and no other test will take."""
+    with claimed_domain() as number:
+        yield number

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stand-in for ros2, as a user meets it: real processes on a real graph."""
 
-import os
 import re
 import signal
 import subprocess
@@ -14,6 +13,8 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from calib_bringup.domains import held_domain
+
 ROOT = Path(__file__).resolve().parent.parent
 STAND_IN = ROOT / 'tools' / 'ros2' / 'ros2'
 PEER = Path(__file__).with_name('ros2_peer.py')
@@ -25,7 +26,7 @@ def environment() -> dict[str, str]:
     command = f'source {ROOT}/env.bash && env -0'
     listing = subprocess.run(['bash', '-c', command], check=True, capture_output=True, text=True)
     variables = dict(entry.split('=', 1) for entry in listing.stdout.split('\0') if entry)
-    return variables | {'ROS_DOMAIN_ID': str(1 + os.getpid() % 100),
+    return variables | {'ROS_DOMAIN_ID': str(held_domain()),
                         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
 
 

@@ -14,7 +14,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from calib_bringup.processes import Child, Children, free_domain, graph_environment
+from calib_bringup.domains import held_domain
+from calib_bringup.processes import Child, Children, graph_environment
 from calib_model.command import CommandParser, UsageError, run_command
 
 ABOUT = """\
@@ -67,7 +68,7 @@ class Demo:
         self.folder = folder
         self.seed = seed
         self.poses = poses
-        self._env = graph_environment(free_domain())
+        self._env = graph_environment(held_domain())
 
     def capture(self) -> None:
         """Both bags, through a graph of arm, probe and capture."""

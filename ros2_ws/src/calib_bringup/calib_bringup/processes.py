@@ -5,9 +5,7 @@ from __future__ import annotations
 
 import ctypes
 import os
-import random
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -17,31 +15,12 @@ from types import TracebackType
 
 from calib_model.errors import CalibrationError
 
-FIRST_PORT, PORTS_PER_DOMAIN, FIRST_UNICAST = 7400, 250, 10  # of DDS, for a domain's discovery
-DOMAINS = range(1, 101)  # those above meet the ports that Linux hands out
 PR_SET_PDEATHSIG = 1
 PATIENCE = 5.0  # s between asking a process to end and making it
 
 
 class ChildError(CalibrationError):
     """A process that ended when or how it should not; its own line says why."""
-
-
-def free_domain() -> int:
-    """A ROS domain id on which this machine has no graph yet.
-
-    Raises:
-        CalibrationError: there is none.
-    """
-    for domain in random.sample(DOMAINS, len(DOMAINS)):
-        port = FIRST_PORT + PORTS_PER_DOMAIN * domain + FIRST_UNICAST
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-            try:
-                taken.bind(('', port))  # a graph's first participant has it
-            except OSError:
-                continue
-            return domain
-    raise CalibrationError('every ROS domain of this machine is in use')
 
 
 def graph_environment(domain: int) -> dict[str, str]:

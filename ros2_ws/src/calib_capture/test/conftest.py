@@ -2,8 +2,6 @@
 from __future__ import annotations
 
 import os
-import random
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -51,19 +49,6 @@ def gauge(config: Path) -> Gauge:
 def placements(config: Path) -> dict[int, RigidTransform]:
     path = config / 'locations' / 'kr5.yaml'
     return parse_placements(path.read_text(encoding='utf-8'), str(path))
-
-
-@pytest.fixture
-def domain() -> int:
-    """A ROS domain id that no graph of this machine is on."""
-    for number in random.sample(range(1, 101), 100):
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-            try:
-                taken.bind(('', 7410 + 250 * number))  # where its first participant would listen
-            except OSError:
-                continue
-            return number
-    raise AssertionError('every domain is in use')
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calib_bringup.domains import held_domain
 from calib_model import cdr
 from calib_model.bag_writer import BagWriter
 from calib_model.topics import ARM_DESCRIPTION, CAPTURE_POSES, PROBE_DISPLACEMENTS, Topic
@@ -23,7 +24,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
-DOMAIN = 61
+DOMAIN = held_domain()
 START = 1_700_000_000_000_000_000
 ENVIRONMENT = {
     **os.environ,

@@ -22,11 +22,12 @@ from calib_interfaces.srv import Evaluate, FitProbe, Identify  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from simulated_calibration import active, kr5, simulate  # noqa: E402
 
+from calib_bringup.domains import held_domain  # noqa: E402
 from calib_model.bag import write_measurement  # noqa: E402
 from calib_model.bag_writer import BagWriter  # noqa: E402
 from calib_solver.identify import run  # noqa: E402
 
-DOMAIN = 110 + os.getpid() % 100
+DOMAIN = held_domain()
 TIMEOUT = 20.0
 pytestmark = pytest.mark.timeout(60)
 

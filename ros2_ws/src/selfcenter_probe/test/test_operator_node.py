@@ -20,6 +20,7 @@ from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
+from calib_bringup.domains import held_domain  # noqa: E402
 from calib_model.description import parse_arm, parse_gauge, parse_probe  # noqa: E402
 from calib_model.topics import (  # noqa: E402
     DESCRIPTIONS,
@@ -29,7 +30,7 @@ from calib_model.topics import (  # noqa: E402
 from selfcenter_probe.hand_motion import TICK  # noqa: E402
 from selfcenter_probe.messages import qos_of, stamp_of  # noqa: E402
 
-DOMAIN = 101 + os.getpid() % 100
+DOMAIN = held_domain()
 TIMEOUT = 30.0
 ENVIRONMENT = {
     **os.environ, 'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',

@@ -22,6 +22,7 @@ from rclpy.node import Node  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
+from calib_bringup.domains import held_domain  # noqa: E402
 from calib_model.description import arm_yaml, gauge_yaml, probe_yaml  # noqa: E402
 from calib_model.topics import (  # noqa: E402
     DESCRIPTIONS,
@@ -35,7 +36,7 @@ from selfcenter_probe.magnitudes import Magnitudes  # noqa: E402
 from selfcenter_probe.messages import qos_of  # noqa: E402
 from selfcenter_probe.simulation import SECOND  # noqa: E402
 
-DOMAIN = 1 + os.getpid() % 100
+DOMAIN = held_domain()
 T0 = 1_700_000_000
 TIMEOUT = 20.0
 pytestmark = pytest.mark.timeout(60)
