@@ -9,14 +9,13 @@ import numpy as np
 
 from calib_model.rotation import Array
 from calib_solver.identification import Identification
-from calib_solver.quality import probed_points
 from calib_solver.workspace import over_workspace
 
 
 def diagnostics_record(done: Identification) -> dict[str, Any]:
     """What `result.json` says under `diagnostics`, SI."""
     sure = over_workspace(done).position
-    deviation = pose_deviations(done)
+    deviation = done.identified.deviation
     return {
         'rank': done.observability.rank,
         'free': len(done.fit.x),
@@ -44,14 +43,6 @@ def prior_record(done: Identification) -> dict[str, Any]:
 def finite(value: float) -> float | None:
     """The value, None where it is infinite or no number."""
     return value if np.isfinite(value) else None
-
-
-def pose_deviations(done: Identification) -> Array:
-    """Each used pose's deviation (N, 3) from its sphere's mean, m: eq. 12."""
-    points = probed_points(done.problem, done.arm, done.probe)
-    centers = np.repeat(done.identified.spheres.center, done.problem.counts, axis=0)
-    deviation: Array = points - centers
-    return deviation
 
 
 def by_location(done: Identification, deviation: Array) -> list[dict[str, Any]]:

@@ -11,6 +11,8 @@ from calib_interfaces.msg import (
     Diagnostics,
     DistanceQuality,
     IdentifiedParameter,
+    LengthQuality,
+    MeasuringArm,
     PositionQuality,
     PriorChoice,
     ProbedSphere,
@@ -21,6 +23,7 @@ from calib_interfaces.msg import (
     ResampledParameter,
     Resampling,
     RigidTransform,
+    SinglePointQuality,
     SolverReport,
     TriedStrength,
     TwoSigmaQuality,
@@ -56,6 +59,16 @@ def quality(record: Record) -> Quality:
         distance=filled(DistanceQuality(), record['distance']),
         two_sigma=filled(TwoSigmaQuality(), record['two_sigma']),
         position=filled(PositionQuality(), record['position']),
+        measuring_arm=measuring_arm(record['measuring_arm']),
+    )
+
+
+def measuring_arm(record: Record) -> MeasuringArm:
+    """The arm as a measuring arm; what could not be computed counts nothing."""
+    return MeasuringArm(
+        basis=record['basis'],
+        single_point=filled(SinglePointQuality(), record['single_point'] or {}),
+        length=filled(LengthQuality(), record['length'] or {}),
     )
 
 

@@ -30,12 +30,16 @@ class ProbedSpheres:
 
 @dataclass(frozen=True)
 class Quality:
-    """Distance errors `distance` (M,) of eq. 7 for `pairs` (M, 2) rows of `spheres.keys`, and
-    `position` (N,): each pose's distance to the certificate after a best-fit placement; in m."""
+    """Distance errors `distance` (M,) of eq. 7 for `pairs` (M, 2) rows of `spheres.keys` with
+    certified lengths `nominal` (M,); `deviation` (N, 3) of each pose from its sphere's mean, in the
+    problem's order (eq. 12 with the other sign), and `position` (N,): each pose's distance to the
+    certificate after a best-fit placement; all in m."""
 
     spheres: ProbedSpheres
     pairs: IntArray
+    nominal: Array
     distance: Array
+    deviation: Array
     position: Array
 
     @property
@@ -56,17 +60,21 @@ def assess(problem: Problem, arm: Arm, probe: Probe) -> Quality:
     count = problem.counts
     center = np.empty((len(count), 3))
     two_sigma = np.full((len(count), 3), np.nan)
+    deviation = np.empty_like(p_base)
     for s in range(len(count)):
         own = p_base[problem.rows(s)]
         center[s] = own[0] + (own - own[0]).mean(axis=0)
+        away = deviation[problem.rows(s)] = own - center[s]
         if count[s] > 1:
-            two_sigma[s] = 2 * np.sqrt(((own - center[s]) ** 2).sum(axis=0) / (count[s] - 1))
+            two_sigma[s] = 2 * np.sqrt((away**2).sum(axis=0) / (count[s] - 1))
     first, second = problem.pairs.T
     measured = np.linalg.norm(center[first] - center[second], axis=1)
     return Quality(
         ProbedSpheres(problem.keys, count, center, two_sigma),
         problem.pairs,
+        problem.nominal,
         np.abs(measured - problem.nominal),
+        deviation,
         _position_errors(problem, p_base, center),
     )
 

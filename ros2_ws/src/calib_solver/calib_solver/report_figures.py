@@ -7,7 +7,6 @@ import numpy as np
 
 from calib_model.rotation import Array
 from calib_solver.charts import Series, chart
-from calib_solver.diagnostics import pose_deviations
 from calib_solver.identification import Identification
 from calib_solver.quality import Quality
 from calib_solver.workspace import over_workspace
@@ -19,7 +18,7 @@ LEAST = 1e-7  # mm: keeps a perfect value on a logarithmic axis
 
 def all_figures(done: Identification, test: Quality | None) -> list[str]:
     """Every chart that has something to show."""
-    deviation = pose_deviations(done) * 1e3
+    deviation = done.identified.deviation * 1e3
     figures = [*_distances(done, test), _two_sigma(done), *_clouds(deviation), _convergence(done)]
     figures += [*_workspace(done), _uncertainty(done)]
     return figures + _against_joints(done, deviation)

@@ -4,22 +4,20 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from calib_model.bag_writer import write_whole
 from calib_model.description import arm_yaml, probe_yaml
 from calib_model.errors import CalibrationError
-from calib_model.rotation import Array, RigidTransform
+from calib_model.rotation import RigidTransform
 from calib_model.urdf import arm_urdf
 from calib_solver.account import accounts
 from calib_solver.diagnostics import diagnostics_record
 from calib_solver.identification import Identification
 from calib_solver.probe_fit import ProbeFit
-from calib_solver.quality import COORDINATES, ProbedSpheres, Quality
+from calib_solver.quality import Quality
+from calib_solver.quality_record import quality_record, sphere_records
 from calib_solver.resampling import Resampled
 from calib_solver.resampling_record import resampling_record
 
@@ -86,72 +84,6 @@ def transform_record(transform: RigidTransform) -> Record:
     }
 
 
-def sphere_records(spheres: ProbedSpheres) -> list[Record]:
-    """One record a probed sphere; no 2 sigma where there is a single pose."""
-    return [
-        {
-            'location': int(location),
-            'sphere': int(sphere),
-            'poses': int(poses),
-            'center': center.tolist(),
-            'two_sigma': _numbers(two_sigma),
-        }
-        for (location, sphere), poses, center, two_sigma in zip(
-            spheres.keys, spheres.poses, spheres.center, spheres.two_sigma, strict=True
-        )
-    ]
-
-
-def quality_record(quality: Quality) -> Record:
-    """Q of the contract, SI; null where there is nothing to say."""
-    return {
-        'phi': quality.phi,
-        'distance': _distance_record(quality),
-        'two_sigma': _two_sigma_record(quality.spheres),
-        'position': {
-            'rms': float(np.sqrt(np.mean(quality.position**2))),
-            'mean': float(quality.position.mean()),
-            'max': float(quality.position.max()),
-        },
-    }
-
-
-def _distance_record(quality: Quality) -> Record:
-    error, keys = quality.distance, quality.spheres.keys
-    if len(error) == 0:
-        nothing = dict.fromkeys(('max', 'mean', 'rms', 'min', 'max_location', 'max_pair'))
-        return {'count': 0, **nothing}
-    worst = int(np.argmax(error))
-    first, second = quality.pairs[worst]
-    return {
-        'count': len(error),
-        'max': float(error.max()),
-        'mean': float(error.mean()),
-        'rms': float(np.sqrt(np.mean(error**2))),
-        'min': float(error.min()),
-        'max_location': int(keys[first, 0]),
-        'max_pair': [int(keys[first, 1]), int(keys[second, 1])],
-    }
-
-
-def _two_sigma_record(spheres: ProbedSpheres) -> Record:
-    known = np.isfinite(spheres.two_sigma).all(axis=1)
-    if not known.any():
-        names = ('max', 'mean', 'min', 'max_location', 'max_sphere', 'max_coordinate')
-        return {**dict.fromkeys(names), 'mean_xyz': [None] * 3}
-    values, keys = spheres.two_sigma[known], spheres.keys[known]
-    sphere, coordinate = np.unravel_index(int(np.argmax(values)), values.shape)
-    return {
-        'max': float(values.max()),
-        'mean': float(values.mean()),
-        'min': float(values.min()),
-        'max_location': int(keys[sphere, 0]),
-        'max_sphere': int(keys[sphere, 1]),
-        'max_coordinate': COORDINATES[int(coordinate)],
-        'mean_xyz': values.mean(axis=0).tolist(),
-    }
-
-
 def probe_fit_record(fit: ProbeFit) -> Record:
     """Eq. 15's account of itself."""
     return {
@@ -161,10 +93,6 @@ def probe_fit_record(fit: ProbeFit) -> Record:
         'orthogonality_error': fit.orthogonality_error,
         'condition': fit.condition,
     }
-
-
-def _numbers(values: Array) -> list[float | None]:
-    return [float(value) if math.isfinite(value) else None for value in values]
 
 
 def write_results(

@@ -26,6 +26,15 @@ DISTANCE = {'count', 'max', 'mean', 'rms', 'min', 'max_location', 'max_pair'}
 TWO_SIGMA = {
     'max', 'mean', 'min', 'max_location', 'max_sphere', 'max_coordinate', 'mean_xyz',
 }  # fmt: skip
+ADDED_DISTANCE = {'min_location', 'min_pair'}
+ADDED_TWO_SIGMA = {'min_location', 'min_sphere', 'min_coordinate'}
+SINGLE_POINT = {
+    'spheres', 'points', 'max_deviation', 'max_location', 'max_sphere',
+    'two_s_max', 'two_s_mean', 'two_s_location', 'two_s_sphere',
+}  # fmt: skip
+LENGTH = {
+    'count', 'max_deviation', 'max_location', 'max_pair', 'max_length', 'mean', 'two_rms', 'span',
+}  # fmt: skip
 PROBE_NAMES = ['probe_x', 'probe_y', 'probe_z', 'probe_rx', 'probe_ry', 'probe_rz']
 OBJECTIVES = ('distance_repeatability', 'distance', 'position')
 
@@ -87,42 +96,73 @@ def spheres(records: list[Record]) -> None:
 
 def quality(record: Record, added: set[str] = frozenset()) -> None:
     """Q of the contract."""
-    keys(record, {'phi', 'distance', 'two_sigma', 'position'}, added)
+    keys(record, {'phi', 'distance', 'two_sigma', 'position', 'measuring_arm'}, added)
     number(record['phi'], 0.0)
     distance(record['distance'])
     two_sigma(record['two_sigma'])
     keys(record['position'], {'rms', 'mean', 'max'})
     for value in record['position'].values():
         number(value, 0.0)
+    measuring_arm(record['measuring_arm'])
+
+
+def measuring_arm(record: Record) -> None:
+    """Added to Q: ASME B89.4.22's quantities, null where there is nothing to compute them from."""
+    keys(record, {'basis', 'single_point', 'length'})
+    assert 'not a test by the standard' in record['basis']
+    point, length = record['single_point'], record['length']
+    if point is not None:
+        keys(point, SINGLE_POINT)
+        for key in SINGLE_POINT - {'max_deviation', 'two_s_max', 'two_s_mean'}:
+            count(point[key], 1)
+        number(point['max_deviation'], 0.0)
+        number(point['two_s_mean'], 0.0)
+        number(point['two_s_max'], point['two_s_mean'])
+    if length is not None:
+        keys(length, LENGTH)
+        for key in ('count', 'max_location'):
+            count(length[key], 1)
+        pair(length['max_pair'])
+        for key in ('max_deviation', 'mean'):
+            number(length[key])
+        for key in ('max_length', 'two_rms', 'span'):
+            number(length[key], 0.0)
 
 
 def distance(record: Record) -> None:
-    keys(record, DISTANCE)
+    keys(record, DISTANCE | ADDED_DISTANCE)
     count(record['count'])
     if record['count'] == 0:
-        assert all(record[key] is None for key in DISTANCE - {'count'})
+        assert all(record[key] is None for key in record if key != 'count')
         return
     for key in ('max', 'mean', 'rms', 'min'):
         number(record[key], 0.0)
     assert record['min'] <= record['mean'] <= record['rms'] <= record['max']
-    count(record['max_location'], 1)
-    assert len(record['max_pair']) == 2
-    for sphere in record['max_pair']:
+    for end in ('max', 'min'):
+        count(record[f'{end}_location'], 1)
+        pair(record[f'{end}_pair'])
+
+
+def pair(spheres: list[int]) -> None:
+    """Two different sphere numbers."""
+    assert len(set(spheres)) == len(spheres) == 2
+    for sphere in spheres:
         count(sphere, 1)
 
 
 def two_sigma(record: Record) -> None:
-    keys(record, TWO_SIGMA)
+    keys(record, TWO_SIGMA | ADDED_TWO_SIGMA)
     if record['max'] is None:
-        assert all(record[key] is None for key in TWO_SIGMA - {'mean_xyz'})
+        assert all(record[key] is None for key in record if key != 'mean_xyz')
         assert record['mean_xyz'] == [None, None, None]
         return
     for key in ('max', 'mean', 'min'):
         number(record[key], 0.0)
     assert record['min'] <= record['mean'] <= record['max']
-    count(record['max_location'], 1)
-    count(record['max_sphere'], 1)
-    assert record['max_coordinate'] in ('x', 'y', 'z')
+    for end in ('max', 'min'):
+        count(record[f'{end}_location'], 1)
+        count(record[f'{end}_sphere'], 1)
+        assert record[f'{end}_coordinate'] in ('x', 'y', 'z')
     three(record['mean_xyz'], 0.0)
 
 
