@@ -12,7 +12,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
 from calib_model import cdr
-from calib_model.bag import read_measurement, write_measurement
+from calib_model.bag import read_measurement, write_descriptions, write_measurement
+from calib_model.bag_account import FileAccount
 from calib_model.bag_reader import read_messages
 from calib_model.bag_writer import BagWriter
 from calib_model.description import arm_yaml, gauge_yaml, parse_arm, probe_yaml
@@ -143,11 +144,12 @@ def test_mcap_reads_the_streams_by_index(raw_bag: Path) -> None:
 
 
 def written_by_rosbags(
-    path: Path, measured: Measurement, mode: CompressionMode | None = None
-) -> Path:
+    path: Path, measured: Measurement, mode: CompressionMode | None = None,
+    plugin: StoragePlugin = StoragePlugin.MCAP,
+) -> Path:  # fmt: skip
     """The measurement as rosbags' own writer puts it on disk."""
     store, poses = cdr.typestore(), measured.poses
-    writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+    writer = Writer(path, version=9, storage_plugin=plugin)
     if mode is not None:
         writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:
@@ -167,11 +169,23 @@ def written_by_rosbags(
     return path
 
 
-@pytest.mark.parametrize('mode', [None, CompressionMode.STORAGE])
+MODES = (None, CompressionMode.STORAGE, CompressionMode.FILE, CompressionMode.MESSAGE)
+
+
+@pytest.mark.parametrize('plugin', list(StoragePlugin))
+@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('listed', [True, False])
 def test_bags_of_rosbags_are_read_here(
-    tmp_path: Path, measured: Measurement, mode: CompressionMode | None
-) -> None:
-    found = read_measurement(written_by_rosbags(tmp_path / 'theirs', measured, mode))
+    tmp_path: Path, measured: Measurement, mode: CompressionMode | None, plugin: StoragePlugin,
+    listed: bool,
+) -> None:  # fmt: skip
+    """MCAP and SQLite, compressed within, around or message by message, with and without a list."""
+    if plugin is StoragePlugin.SQLITE3 and mode is CompressionMode.STORAGE:
+        pytest.skip('rosbag2 has no such storage')
+    path = written_by_rosbags(tmp_path / 'theirs', measured, mode, plugin)
+    if not listed:
+        (path / 'metadata.yaml').unlink()
+    found = read_measurement(path)
     assert found.arm == measured.arm
     assert found.gauge == measured.gauge
     for column in ('location', 'sphere', 'joints', 'displacement', 'stamp', 'readings'):
@@ -179,13 +193,38 @@ def test_bags_of_rosbags_are_read_here(
         assert theirs.tobytes() == ours.tobytes(), column
 
 
-@pytest.mark.parametrize('mode', [CompressionMode.FILE, CompressionMode.MESSAGE])
-def test_compression_around_the_mcap_is_named(
-    tmp_path: Path, measured: Measurement, mode: CompressionMode
+@pytest.mark.parametrize('plugin', list(StoragePlugin))
+def test_a_compressed_file_that_is_damaged_is_named(
+    tmp_path: Path, measured: Measurement, plugin: StoragePlugin
 ) -> None:
-    path = written_by_rosbags(tmp_path / 'theirs', measured, mode)
-    with pytest.raises(BagError, match=f'theirs: every {mode.name.lower()} is compressed by'):
+    path = written_by_rosbags(tmp_path / 'theirs', measured, CompressionMode.FILE, plugin)
+    (file,) = path.glob('*.zstd')
+    whole = file.read_bytes()
+    file.write_bytes(whole[:40] + bytes(60) + whole[100:])
+    with pytest.raises(BagError, match=r'theirs_?0?\.(mcap|db3)\.zstd: '):
         read_measurement(path)
+
+
+def test_a_bag_split_into_files_is_read_in_their_order(
+    tmp_path: Path, measured: Measurement
+) -> None:
+    """As rosbag2 splits: each file whole, all of them listed."""
+    folder, poses = tmp_path / 'split', measured.poses
+    accounts: list[FileAccount] = []
+    for part in np.array_split(np.arange(COUNT), 3):
+        with BagWriter(folder, earlier=accounts) as writer:
+            write_descriptions(writer, measured.arm, measured.probe, measured.gauge, START)
+            for i in part:
+                pose = cdr.probing_pose(
+                    int(poses.stamp[i]), 'base_link', int(poses.location[i]),
+                    int(poses.sphere[i]), poses.joints[i], poses.displacement[i],
+                    int(poses.readings[i]),
+                )  # fmt: skip
+                writer.write_message(CAPTURE_POSES, pose, int(poses.stamp[i]))
+            writer.flush()
+            accounts.append(writer.close())
+    assert len(list(folder.glob('*.mcap'))) == 3
+    assert read_measurement(folder).poses.stamp.tolist() == poses.stamp.tolist()
 
 
 def test_a_bag_cut_short_is_read_here_and_its_copy_everywhere(

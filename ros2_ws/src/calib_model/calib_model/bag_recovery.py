@@ -24,7 +24,8 @@ from mcap.records import (
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from calib_model.bag_account import Definition, FileAccount, metadata_yaml
-from calib_model.bag_reader import DAMAGE, LARGEST_RECORD, bag_files, files_in
+from calib_model.bag_files import SQLITE, ZSTD, bag_files, begins_with, files_in
+from calib_model.bag_reader import DAMAGE, LARGEST_RECORD
 from calib_model.bag_writer import BagWriter, write_whole
 from calib_model.errors import BagError
 
@@ -149,13 +150,16 @@ def _repaired(file: Path) -> FileAccount:
 
 def _files_of(bad: Path) -> list[Path]:
     try:
-        return bag_files(bad)
+        files = bag_files(bad)
     except BagError:
         # a metadata.yaml that was not finished either: the files speak for themselves
         files = files_in(bad) if bad.is_dir() else []
         if not files:
             raise
-        return files
+    for file in files:
+        if begins_with(file, ZSTD) or begins_with(file, SQLITE):
+            raise BagError(f'{file}: only plain MCAP files are recovered')
+    return files
 
 
 @dataclass

@@ -9,7 +9,7 @@ from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from calib_model.bag_reader import bag_files
+from calib_model.bag_files import bag_files
 from calib_solver.identification import Identification
 from calib_solver.quality import Quality
 from calib_solver.report_figures import all_figures

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The files of a bag in recorded order, and opening them whatever rosbag2 wrapped them in."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import IO
+
+import yaml
+import zstandard
+
+from calib_model.errors import BagError
+
+ZSTD = b'\x28\xb5\x2f\xfd'
+SQLITE = b'SQLite format 3\x00'
+KINDS = ('.mcap', '.mcap.zstd', '.db3', '.db3.zstd')
+
+
+def bag_files(path: str | Path) -> list[Path]:
+    """The storage files of a bag: of its folder in recorded order, or the file itself.
+
+    Raises:
+        BagError: there is no bag at `path`.
+    """
+    path = Path(path)
+    if not os.path.exists(path):  # false, too, for a name that no file can have
+        raise BagError(f'{path}: no such bag')
+    if path.is_file():
+        return [path]
+    found = _listed_files(path) or next(filter(None, (files_in(path, kind) for kind in KINDS)), [])
+    if not found:
+        raise BagError(f'{path}: no .mcap file in this folder')
+    for file in found:
+        if not file.is_file():
+            raise BagError(f'{path}: metadata.yaml names {file.name}, which is missing')
+    return found
+
+
+def files_in(folder: Path, kind: str = '.mcap') -> list[Path]:
+    """The files of a folder in recorded order, whatever its metadata.yaml says."""
+
+    def recorded(file: Path) -> list[int | str]:
+        parts = re.split(r'(\d+)', file.name)  # rosbag2 counts: _9 comes before _10
+        return [int(part) if part.isdecimal() else part for part in parts]
+
+    return sorted(folder.glob(f'*{kind}'), key=recorded)
+
+
+def _listed_files(folder: Path) -> list[Path]:
+    metadata = folder / 'metadata.yaml'
+    if not metadata.is_file():
+        return []
+    try:
+        content = yaml.safe_load(metadata.read_text(encoding='utf-8'))
+        information = content['rosbag2_bagfile_information']
+        files = [folder / Path(str(name)).name for name in information['relative_file_paths']]
+    except (OSError, ValueError, yaml.YAMLError, TypeError, KeyError) as error:
+        raise BagError(f'{metadata}: not a rosbag2 metadata file') from error
+    packed = [file.with_name(f'{file.name}.zstd') for file in files]
+    # a recording that was stopped hard: files are compressed, their list was not written anew
+    return [
+        pack if pack.is_file() and not file.is_file() else file
+        for file, pack in zip(files, packed, strict=True)
+    ]
+
+
+def begins_with(file: Path, magic: bytes) -> bool:
+    """Whether a file starts with these bytes.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    with file.open('rb') as stream:
+        return stream.read(len(magic)) == magic
+
+
+def open_unpacked(file: Path, packed: IO[bytes] | None = None) -> IO[bytes]:
+    """A file's content from its begin on, without the zstd that rosbag2 put around it, if any.
+
+    `packed` is the file where it is open already, to see how far the reading is.
+
+    Raises:
+        OSError: it cannot be read; later reads raise zstandard.ZstdError where it is damaged.
+    """
+    stream = packed or file.open('rb')
+    if not begins_with(file, ZSTD):
+        return stream
+    unpacked: IO[bytes] = zstandard.ZstdDecompressor().stream_reader(
+        stream, read_across_frames=True
+    )
+    return unpacked

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bags in rosbag2's other storage: an SQLite file with a table of topics and one of messages."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import zstandard
+
+from calib_model.bag_files import SQLITE, ZSTD, begins_with, open_unpacked
+from calib_model.errors import BagError
+
+Row = tuple[str, str, int, bytes, str]  # topic, type, time in ns, data, offered QoS
+
+
+def is_sqlite(file: Path) -> bool:
+    """Whether a file is an SQLite one, or the packing of one by name."""
+    packed = file.name.endswith('.db3.zstd') and begins_with(file, ZSTD)
+    return packed or begins_with(file, SQLITE)
+
+
+def sqlite_rows(file: Path, topics: set[str] | None) -> Iterator[Row]:
+    """The messages of an SQLite file in recorded order; only those of `topics` when given.
+
+    Raises:
+        BagError: the file is damaged or not a bag's.
+    """
+    try:
+        if not begins_with(file, ZSTD):
+            yield from _rows(file, topics)
+            return
+        with tempfile.TemporaryDirectory(prefix='unpacked-') as folder:
+            plain = Path(folder) / file.stem
+            with open_unpacked(file) as packed, plain.open('wb') as unpacked:
+                shutil.copyfileobj(packed, unpacked)
+            yield from _rows(plain, topics)
+    except (sqlite3.Error, zstandard.ZstdError) as error:
+        raise BagError(f'{file}: not a bag, or damaged: {error}') from error
+
+
+def _rows(file: Path, topics: set[str] | None) -> Iterator[Row]:
+    address = f'{file.resolve().as_uri()}?immutable=1'
+    with closing(sqlite3.connect(address, uri=True)) as base:
+        columns = {row[1] for row in base.execute('PRAGMA table_info(topics)')}
+        qos = 'offered_qos_profiles' if 'offered_qos_profiles' in columns else "''"
+        known = {
+            number: (name, kind, str(offered))
+            for number, name, kind, form, offered in base.execute(
+                f'SELECT id, name, type, serialization_format, {qos} FROM topics'
+            )
+            if form == 'cdr' and (topics is None or name in topics)
+        }
+        marks = ','.join('?' * len(known))
+        found = base.execute(
+            f'SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) '
+            'ORDER BY timestamp, id', tuple(known),
+        )  # fmt: skip
+        for number, time, data in found:
+            name, kind, offered = known[number]
+            yield name, kind, int(time), bytes(data), offered
