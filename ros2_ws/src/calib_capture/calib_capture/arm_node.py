@@ -5,23 +5,29 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-from calib_capture.configuration import configured, explained, number_within
+from calib_capture.configuration import configured, explained
 from calib_capture.executor_node import lean_executor
-from calib_capture.messages import SECOND, described, joint_state, points_of, qos_of
+from calib_capture.messages import SECOND, joint_state, points_of, qos_of
 from calib_capture.pinocchio_arm import PinocchioArm
 from calib_capture.trajectory import Motion, TrajectoryError, checked_trajectory
+from calib_model.arm import Arm
 from calib_model.command import run_command
 from calib_model.description import arm_yaml, parse_arm
+from calib_model.parameters_node import Parameters
 from calib_model.rotation import Array
-from calib_model.run_node import run_node
+from calib_model.run_node import NodeCommand, run_node
 from calib_model.topics import (
     ARM_DESCRIPTION,
     JOINT_STATES,
@@ -31,10 +37,47 @@ from calib_model.topics import (
 )
 from calib_model.urdf import arm_urdf
 
+ABOUT = """\
+A simulated arm: follows trajectories on /arm_controller/joint_trajectory as ros2_control's
+joint_trajectory_controller does; publishes /joint_states, /arm_description, /robot_description."""
+EXAMPLE = 'ros2 run calib_capture arm --ros-args -p time_scale:=5.0'
 STEPPED_IDLE = 0.05  # s: in stepped simulation an arm at rest lives in real time, at this beat
 STEPPED_BURST = 40  # states published at once: less than half of what a subscriber keeps
 STEPPED_PAUSE = 0.025  # s between bursts of one motion: what subscribers in Python keep up with
 STEPPED_PATIENCE = 0.2  # s before an arm counts as at rest, not as waiting for the next goal
+
+
+def _nothing(_: float) -> None:
+    """What a change does to no node."""
+
+
+@dataclass(frozen=True)
+class ArmParameters:
+    """What the arm is told at the start; `rate` is in Hz of the wall clock."""
+
+    arm: Arm
+    rate: float
+    time_scale: float
+
+
+def read_parameters(
+    node: Any,
+    on_rate: Callable[[float], None] = _nothing,
+    on_scale: Callable[[float], None] = _nothing,
+) -> ArmParameters:
+    """Declare the arm's parameters on `node`, a Node or a Sheet.
+
+    Raises:
+        ParameterError: one of them cannot be used; names it.
+        DescriptionError: the arm cannot be read.
+    """
+    parameters = Parameters(node)
+    path = parameters.text('arm', '', explained('arm'))
+    text = 'joint states per second of the wall clock'
+    rate = parameters.number('rate', 250.0, text, 1.0, 1000.0, on_rate)
+    text = 'how many times faster than real the arm lives, 0: stepped, as fast as can be'
+    scale = parameters.number('time_scale', 1.0, text, 0.0, 1000.0, on_scale)
+    return ArmParameters(configured('arm', path, parse_arm), rate, scale)
 
 
 class ArmNode(Node):
@@ -47,7 +90,10 @@ class ArmNode(Node):
 
     def __init__(self) -> None:
         super().__init__('arm')
-        self._read_parameters()
+        given = read_parameters(self, self._set_rate, self._set_scale)
+        self._arm, self._rate, self._scale = given.arm, given.rate, given.time_scale
+        # the model that the arm moves by: its limits and speeds are the description's
+        self._model = PinocchioArm(self._arm).model
         self._publish_descriptions()
         self._states = self.create_publisher(JointState, JOINT_STATES.name, qos_of(JOINT_STATES))
         self._time = time.time_ns()  # of the last published state, in the arm's own time
@@ -59,27 +105,36 @@ class ArmNode(Node):
         self.create_subscription(
             JointTrajectory, JOINT_TRAJECTORY.name, self._on_trajectory, qos_of(JOINT_TRAJECTORY)
         )
-        if self._scale > 0:
-            self.create_timer(1.0 / self._rate, self._tick)
-        else:
-            self.create_timer(STEPPED_PAUSE, self._beat)
-        step = self._scale / self._rate * 1e3
-        speed = f'{self._scale:g} times real time, a state every {step:.3g} ms of its own time'
-        speed = speed if self._scale > 0 else 'stepped'
-        self.get_logger().info(f'{self._arm.name}, {self._arm.n} joints, {speed}')
+        self._timer = self._beating()
+        self.get_logger().info(f'{self._arm.name}, {self._arm.n} joints, {self._speed()}')
 
-    def _read_parameters(self) -> None:
-        path = self.declare_parameter('arm', '', described(explained('arm'))).value
-        self._arm = configured('arm', path, parse_arm)
-        # the model that the arm moves by: its limits and speeds are the description's
-        self._model = PinocchioArm(self._arm).model
-        rate = self.declare_parameter(
-            'rate', 250.0, described('joint states per second of the wall clock', dynamic=True)
-        )
-        self._rate = number_within('rate', rate.value, 1.0, 1000.0)
-        text = 'how many times faster than real the arm lives; 0: stepped, as fast as can be'
-        scale = self.declare_parameter('time_scale', 1.0, described(text, dynamic=True))
-        self._scale = number_within('time_scale', scale.value, 0.0, 1000.0)
+    def _beating(self) -> Timer:
+        if self._scale > 0:
+            return self.create_timer(1.0 / self._rate, self._tick)
+        return self.create_timer(STEPPED_PAUSE, self._beat)
+
+    def _speed(self) -> str:
+        if not self._scale:
+            return 'stepped'
+        step = self._scale / self._rate * 1e3
+        return f'{self._scale:g} times real time, a state every {step:.3g} ms of its own time'
+
+    def _set_rate(self, rate: float) -> None:
+        self._pace(rate, self._scale)
+
+    def _set_scale(self, scale: float) -> None:
+        self._pace(self._rate, scale)
+
+    def _pace(self, rate: float, scale: float) -> None:
+        """Go on at another pace; a motion under way is gone on with."""
+        self._advance_clock()
+        self.destroy_timer(self._timer)
+        if scale == 0 < self._scale:
+            instants = self._motion.instants()
+            self._steps = instants[instants > (self._time - self._began) / SECOND].tolist()
+        self._rate, self._scale = rate, scale
+        self._timer = self._beating()
+        self.get_logger().info(self._speed())
 
     def _start_posture(self) -> Array:
         lower, upper = self._model.lowerPositionLimit, self._model.upperPositionLimit
@@ -154,9 +209,12 @@ class ArmNode(Node):
         self._states.publish(joint_state(stamp, frame, names, position, velocity))
 
 
+COMMAND = NodeCommand('calib_capture', 'arm', ABOUT, EXAMPLE, read_parameters)
+
+
 def main() -> int:
     """Run the node until it is told to stop; 2 when a parameter or a file cannot be used."""
-    return run_command(lambda: run_node(ArmNode, lean_executor))
+    return run_command(lambda: run_node(COMMAND, ArmNode, lean_executor))
 
 
 if __name__ == '__main__':

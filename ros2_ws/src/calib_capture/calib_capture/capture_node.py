@@ -7,12 +7,14 @@ import signal
 import sys
 import time
 from types import FrameType
+from typing import Any
 
 import rclpy
 from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.executors import Executor
 from rclpy.signals import SignalHandlerOptions
 
+from calib_capture.capture_parameters_node import ParameterReader
 from calib_capture.capturing_node import Capturing, Stopped, Watcher
 from calib_capture.executor_node import lean_executor
 from calib_capture.measuring_node import CaptureNode
@@ -21,7 +23,15 @@ from calib_capture.session import CaptureSession
 from calib_model.command import run_command
 from calib_model.errors import ParameterError
 from calib_model.progress import Progress
+from calib_model.run_node import NodeCommand
 
+ABOUT = """\
+Runs a measuring program on the arm and the probe that it hears, and records the bag. With
+serve:=true it waits for goals on /capture/run and for spheres taught on /capture/teach."""
+EXAMPLE = """\
+ros2 run calib_capture capture --ros-args -p output:=output/my_bag -p poses_per_sphere:=20
+  ros2 run calib_capture capture --ros-args -p serve:=true
+  ros2 action send_goal --feedback /capture/run calib_interfaces/action/Capture "{bag: my_bag}\""""
 INTERRUPTED = 128  # plus the signal's number: the shell's exit code for it
 
 
@@ -60,7 +70,15 @@ def _run_once(node: CaptureNode, executor: Executor, stop: _Stop) -> int:
     return 0
 
 
+def _read_parameters(node: Any) -> object:
+    return ParameterReader(node).read()
+
+
+COMMAND = NodeCommand('calib_capture', 'capture', ABOUT, EXAMPLE, _read_parameters)
+
+
 def _capture() -> int:
+    COMMAND.parse(sys.argv)
     try:
         rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # what rcl raises for arguments it cannot parse

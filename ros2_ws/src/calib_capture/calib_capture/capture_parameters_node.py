@@ -4,19 +4,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from rclpy.node import Node
-from rclpy.parameter import Parameter
 
 from calib_capture.bodies import BodySettings, parse_bodies
-from calib_capture.configuration import configured, explained, number_within
-from calib_capture.messages import described
+from calib_capture.configuration import configured, explained
 from calib_capture.program import ProgramSettings
 from calib_capture.run import RunSettings
 from calib_model.description import read_description
 from calib_model.errors import ParameterError
 from calib_model.pairing import SteadySettings
+from calib_model.parameters_node import Parameters
 from calib_model.placement import parse_placements
 from calib_model.rotation import RigidTransform
 
@@ -42,10 +41,13 @@ class CaptureParameters:
 
 
 class ParameterReader:
-    """Declares the capture node's parameters and checks what was given for them."""
+    """Declares the capture node's parameters and checks what was given for them.
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    What may be set while the node runs is for the goals that come after.
+    """
+
+    def __init__(self, node: Any) -> None:
+        self._parameters = Parameters(node)
 
     def read(self) -> CaptureParameters:
         """All parameters.
@@ -55,7 +57,7 @@ class ParameterReader:
             DescriptionError: the placements cannot be read.
         """
         text = 'path of a YAML file: the description; empty: the one on the topic'
-        paths = {key: self._text(key, '', text) for key in DESCRIBED}
+        paths = {key: self._parameters.text(key, '', text) for key in DESCRIBED}
         places = self._text('placements', '', explained('placements'))
         steady = self._steady()
         return CaptureParameters(
@@ -68,7 +70,9 @@ class ParameterReader:
             self._run(steady),
             self._number('wait_timeout', 30.0, 's to wait for arm and probe', 0.1, 1e5),
             self._flag('resume', 'go on with the bag in output, or begin it'),
-            self._flag('serve', 'wait for goals on /capture/run and spheres on /capture/teach'),
+            self._parameters.flag(
+                'serve', False, 'wait for goals on /capture/run and spheres on /capture/teach'
+            ),
         )
 
     def _program(self) -> ProgramSettings:
@@ -76,9 +80,7 @@ class ParameterReader:
         text = f'numbers of the spheres to probe; empty: {default.spheres}'
         spheres = self._integers('spheres', text)
         text = 'm, the range of offsets in the probe'
-        offsets = self._node.declare_parameter(
-            'offsets', list(default.offset), described(text)
-        ).value
+        offsets = self._parameters.numbers('offsets', default.offset, text, _later)
         if len(offsets) != 2 or not 0 <= offsets[0] <= offsets[1]:
             raise ParameterError("parameter 'offsets': expected [shortest, longest] in m")
         text = 'deg around the z axis of the gauge from which spheres are probed'
@@ -90,10 +92,10 @@ class ParameterReader:
             cap=np.radians(self._number('cap', 70.0, text, 0.0, 180.0)),
             offset=(float(offsets[0]), float(offsets[1])),
             approach=self._number('approach', default.approach, _APPROACH, 0.0, 1.0),
-            drive_approach=bool(self._node.declare_parameter(
+            drive_approach=self._parameters.flag(
                 'drive_approach', default.drive_approach,
-                described('whether the arm comes and leaves by that way'),
-            ).value),
+                'whether the arm comes and leaves by that way', _later,
+            ),
             pool=self._whole('pool', default.pool, _POOL, 1, 1000),
             bodies=self._bodies(),
             seed=self._whole('seed', default.seed, 'of the program', 0, 2**62),
@@ -141,19 +143,20 @@ class ParameterReader:
         )
 
     def _text(self, name: str, default: str, text: str) -> str:
-        return str(self._node.declare_parameter(name, default, described(text)).value)
+        return self._parameters.text(name, default, text, _later)
 
     def _number(self, name: str, default: float, text: str, lower: float, upper: float) -> float:
-        value = self._node.declare_parameter(name, default, described(text, dynamic=True)).value
-        return number_within(name, value, lower, upper)
+        return self._parameters.number(name, default, text, lower, upper, _later)
 
     def _whole(self, name: str, default: int, text: str, lower: int, upper: int) -> int:
-        value = self._node.declare_parameter(name, default, described(text)).value
-        return int(number_within(name, value, lower, upper))
+        return self._parameters.whole(name, default, text, lower, upper, _later)
 
     def _flag(self, name: str, text: str) -> bool:
-        return bool(self._node.declare_parameter(name, False, described(text)).value)
+        return self._parameters.flag(name, False, text, _later)
 
     def _integers(self, name: str, text: str) -> tuple[int, ...]:
-        kind = Parameter.Type.INTEGER_ARRAY
-        return tuple(self._node.declare_parameter(name, kind, described(text)).value or ())
+        return self._parameters.wholes(name, text, _later)
+
+
+def _later(_: object) -> None:
+    """Nothing changes now: a server reads all parameters again before its next goal."""

@@ -45,17 +45,3 @@ def configured(name: str, given: str, parse: Callable[[str, str], T]) -> T:
             f"parameter '{name}' is empty and {CONFIGURED_BY} is not installed: give a path"
         ) from error
     return read_description(Path(folder) / FILES[name][0], parse)
-
-
-def number_within(name: str, value: object, lower: float, upper: float) -> float:
-    """A parameter's number.
-
-    Raises:
-        ParameterError: no number, or not from `lower` to `upper`.
-    """
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not isinstance(value, int | float) or not number or not lower <= value <= upper:
-        raise ParameterError(
-            f"parameter '{name}': expected a number from {lower:g} to {upper:g}, got {value!r}"
-        )
-    return float(value)

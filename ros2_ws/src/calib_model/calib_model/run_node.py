@@ -6,7 +6,9 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from types import FrameType
+from typing import Any
 
 import rclpy
 from rclpy.clock import Clock
@@ -15,10 +17,45 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
+from calib_model.command import CommandParser
 from calib_model.errors import ParameterError
+from calib_model.parameters_node import Sheet
 
 WAKE_PERIOD = 0.1  # s, how soon an idle node sees that it is to end
+
+
+@dataclass(frozen=True)
+class NodeCommand:
+    """A node on the command line: `ros2 run PACKAGE NAME`.
+
+    `declare` declares its parameters on what it is given, for `--help` to tell of them.
+    """
+
+    package: str
+    name: str
+    about: str
+    example: str
+    declare: Callable[[Any], object]
+
+    def parse(self, argv: list[str]) -> None:
+        """Say `--help` where it is asked for, and leave.
+
+        Raises:
+            UsageError: an argument that is neither ROS's nor ours.
+        """
+        try:
+            given = remove_ros_args(argv)[1:]
+        except RuntimeError:  # rcl's; it says it better when the node starts
+            return
+        sheet = Sheet()
+        if given:
+            self.declare(sheet)
+        end = f'{sheet.text()}\n\nexample:\n  {self.example}'
+        parser = CommandParser(self.name, self.about, end)
+        parser.usage = f'ros2 run {self.package} {self.name} [-h] [--ros-args -p NAME:=VALUE ...]'
+        parser.parse_args(given)
 
 
 class _Stop:
@@ -35,9 +72,11 @@ class _Stop:
 
 
 def run_node(
-    make: Callable[[], Node], executor: Callable[[], Executor] = SingleThreadedExecutor
+    command: NodeCommand,
+    make: Callable[[], Node],
+    executor: Callable[[], Executor] = SingleThreadedExecutor,
 ) -> None:
-    """Run the node that `make` returns until SIGINT or SIGTERM.
+    """Run the node that `make` returns until SIGINT or SIGTERM, or say `--help`.
 
     rclpy's own handler of SIGTERM shuts the context down from a thread of its own, whatever the
     node is doing: now and then a traceback, now and then a wait without end. Here a signal is a
@@ -45,8 +84,10 @@ def run_node(
 
     Raises:
         ParameterError: arguments that rcl cannot parse, parameters that the node refuses.
+        UsageError: arguments that nobody takes.
     """
     stop = _Stop()
+    command.parse(sys.argv)
     try:
         rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # what rcl raises for arguments that it cannot parse

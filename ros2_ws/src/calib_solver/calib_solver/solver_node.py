@@ -14,7 +14,8 @@ from rclpy.node import Node
 
 from calib_model.command import run_command
 from calib_model.errors import CalibrationError
-from calib_model.run_node import run_node
+from calib_model.parameters_node import Parameters
+from calib_model.run_node import NodeCommand, run_node
 from calib_solver import messages
 from calib_solver.evaluate import evaluation_record
 from calib_solver.fitting import fit_from
@@ -23,7 +24,17 @@ from calib_solver.loading import Effort, Sources, bag_list, calibrate
 from calib_solver.prior import chosen_prior
 from calib_solver.resampling import Plan
 
+ABOUT = """\
+The solver: answers /identify (eq. 11), /fit_probe (eq. 15) and /evaluate on recorded bags."""
+EXAMPLE = """\
+ros2 run calib_solver solver
+  ros2 service call /identify calib_interfaces/srv/Identify "{bag: 'bags/demo/identification'}\""""
 THREADS = 4
+
+
+def read_parameters(node: Any) -> Parameters:
+    """Declare the solver's parameters on `node`, a Node or a Sheet."""
+    return Parameters(node)
 
 
 class SolverNode(Node):
@@ -119,9 +130,12 @@ def _executor() -> MultiThreadedExecutor:
     return MultiThreadedExecutor(num_threads=THREADS)
 
 
+COMMAND = NodeCommand('calib_solver', 'solver', ABOUT, EXAMPLE, read_parameters)
+
+
 def main() -> int:
     """Entry point: serves until Ctrl-C; 2 when an argument cannot be used."""
-    return run_command(lambda: run_node(SolverNode, _executor))
+    return run_command(lambda: run_node(COMMAND, SolverNode, _executor))
 
 
 if __name__ == '__main__':

@@ -6,6 +6,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,8 @@ from std_msgs.msg import String
 from calib_model.command import run_command
 from calib_model.description import arm_yaml, gauge_yaml, probe_yaml
 from calib_model.errors import ParameterError
-from calib_model.run_node import run_node
+from calib_model.parameters_node import Parameters
+from calib_model.run_node import NodeCommand, run_node
 from calib_model.topics import DESCRIPTIONS, JOINT_STATES, PROBE_DISPLACEMENTS, Topic
 from selfcenter_probe.hand_motion import SECOND, MotionSettings, guided
 from selfcenter_probe.hand_reading import HandGuided, RawStretch
@@ -27,6 +29,60 @@ from selfcenter_probe.hand_scene import FILES, Scene, read_scene
 from selfcenter_probe.messages import displacements, joint_states, qos_of
 
 PERIOD = 0.004  # s of the wall clock: how often what is due is published
+
+
+ABOUT = """\
+An operator who leads a measuring arm by hand around the spheres of the bar, simulated: publishes
+/joint_states at 250 Hz, /probe/displacements at 500 Hz and the three descriptions."""
+EXAMPLE = 'ros2 run selfcenter_probe operator --ros-args -p probe:=active -p poses:=20'
+BAD_NUMBERS = "parameter '{}': expected different numbers of {}, got {!r}"
+
+
+@dataclass(frozen=True)
+class OperatorParameters:
+    """What the operator is told."""
+
+    scene: Scene
+    locations: list[int]
+    spheres: list[int]
+    motion: MotionSettings
+    seed: int
+    time_scale: float
+
+
+def read_parameters(node: Any) -> OperatorParameters:
+    """Declare the operator's parameters on `node`, a Node or a Sheet.
+
+    Raises:
+        ParameterError: one of them cannot be used; names it.
+        DescriptionError: a file cannot be used.
+    """
+    parameters = Parameters(node)
+    scene = read_scene(parameters.text('probe', 'passive', 'passive, active, or a YAML file'), {
+        name: Path(path) if (path := parameters.text(name, '', f'path; empty: {file}')) else None
+        for name, (_, file, _) in FILES.items()
+    })  # fmt: skip
+    locations = _numbers(node, 'locations', list(range(1, 8)), sorted(scene.placements))
+    spheres = _numbers(node, 'spheres', [1, 6, 10, 14], list(scene.gauge.numbers))
+    poses = parameters.whole('poses', 385, 'per sphere', 2, 10**5)
+    seed = parameters.whole('seed', 1, 'of arm, gauge and hand', 0, 10**15)
+    speed = parameters.number('speed', 1.0, 'rad/s, of all joints together', 0.01, 10.0)
+    scale = parameters.number('time_scale', 1.0, 'times as fast as real', 0.01, 100.0)
+    motion = MotionSettings(poses, speed, seed)
+    return OperatorParameters(scene, locations, spheres, motion, seed, scale)
+
+
+def _numbers(node: Any, name: str, default: list[int], known: list[int]) -> list[int]:
+    descriptor = ParameterDescriptor(
+        description=f'of {known}', dynamic_typing=True, read_only=True
+    )
+    value = node.declare_parameter(name, default, descriptor).value
+    # rcl hands over an empty list as None, lists of numbers as array.array
+    scalar = value is None or isinstance(value, str | int | float)
+    numbers = [] if scalar else list(value)
+    if not numbers or len(set(numbers)) < len(numbers) or not set(numbers) <= set(known):
+        raise ParameterError(BAD_NUMBERS.format(name, known, value))
+    return numbers
 
 
 class OperatorNode(Node):
@@ -38,12 +94,9 @@ class OperatorNode(Node):
 
     def __init__(self) -> None:
         super().__init__('operator')
-        scene = read_scene(self._text('probe', 'passive', 'passive, active, or a YAML file'), {
-            name: Path(path) if (path := self._text(name, '', f'path; empty: {file}')) else None
-            for name, (_, file, _) in FILES.items()
-        })  # fmt: skip
-        hand = self._hand(scene)
-        self._scale = self._number('time_scale', 1.0, (0.01, 100.0), 'times as fast as real')
+        given = read_parameters(self)
+        scene, hand = given.scene, _hand(given)
+        self._scale = given.time_scale
         self._joint_names = scene.arm.joint_names
         self._frames = scene.arm.base_frame, scene.probe.name
         texts = (arm_yaml(scene.arm), probe_yaml(scene.probe), gauge_yaml(scene.gauge))
@@ -65,17 +118,6 @@ class OperatorNode(Node):
             f'{scene.arm.name} with {scene.probe.name}, {len(motion.seatings)} seatings in '
             f'{seconds:.0f} s, {len(motion.absent)} spheres out of reach'
         )
-
-    def _hand(self, scene: Scene) -> HandGuided:
-        locations = self._numbers('locations', list(range(1, 8)), sorted(scene.placements))
-        spheres = self._numbers('spheres', [1, 6, 10, 14], list(scene.gauge.numbers))
-        poses = int(self._number('poses', 385.0, (2.0, 1e5), 'per sphere'))
-        seed = int(self._number('seed', 1.0, (0.0, 1e15), 'of arm, gauge and hand'))
-        speed = self._number('speed', 1.0, (0.01, 10.0), 'rad/s, of all joints together')
-        world = scene.world(seed)
-        sides = {number: scene.placements[number] for number in locations}
-        motion = guided(world, sides, spheres, MotionSettings(poses, speed, seed))
-        return HandGuided(world, motion, seed)
 
     def _messages(self, hand: HandGuided, shift: int) -> Iterator[tuple[int, Publisher, Any]]:
         """Stamp (ns), publisher and message, in time order; messages are filled anew each time."""
@@ -109,43 +151,19 @@ class OperatorNode(Node):
         publisher.publish(String(data=text))
         return publisher
 
-    def _given(self, name: str, default: Any, meaning: str) -> Any:
-        descriptor = ParameterDescriptor(description=meaning, dynamic_typing=True, read_only=True)
-        return self.declare_parameter(name, default, descriptor).value
 
-    def _text(self, name: str, default: str, meaning: str) -> str:
-        value = self._given(name, default, meaning)
-        if not isinstance(value, str):
-            raise ParameterError(f"parameter '{name}': expected text, got {value!r}")
-        return value
+def _hand(given: OperatorParameters) -> HandGuided:
+    world = given.scene.world(given.seed)
+    sides = {number: given.scene.placements[number] for number in given.locations}
+    return HandGuided(world, guided(world, sides, given.spheres, given.motion), given.seed)
 
-    def _number(
-        self, name: str, default: float, bounds: tuple[float, float], meaning: str
-    ) -> float:
-        least, most = bounds
-        value = self._given(name, default, meaning)
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not number or not least <= value <= most:
-            raise ParameterError(
-                f"parameter '{name}': expected a number from {least:g} to {most:g}, got {value!r}"
-            )
-        return float(value)
 
-    def _numbers(self, name: str, default: list[int], known: list[int]) -> list[int]:
-        value = self._given(name, default, f'of {known}')
-        # rcl hands over an empty list as None, lists of numbers as array.array
-        scalar = value is None or isinstance(value, str | int | float)
-        numbers = [] if scalar else list(value)
-        if not numbers or len(set(numbers)) < len(numbers) or not set(numbers) <= set(known):
-            raise ParameterError(
-                f"parameter '{name}': expected different numbers of {known}, got {value!r}"
-            )
-        return numbers
+COMMAND = NodeCommand('selfcenter_probe', 'operator', ABOUT, EXAMPLE, read_parameters)
 
 
 def main() -> int:
     """Run the node until it is told to stop; 2 when a parameter or a file cannot be used."""
-    return run_command(lambda: run_node(OperatorNode))
+    return run_command(lambda: run_node(COMMAND, OperatorNode))
 
 
 if __name__ == '__main__':

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from calib_interfaces.msg import StylusDisplacements
-from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
@@ -27,8 +27,9 @@ from calib_model.description import (
     read_description,
 )
 from calib_model.errors import ParameterError
+from calib_model.parameters_node import Parameters
 from calib_model.placement import parse_placements
-from calib_model.run_node import run_node
+from calib_model.run_node import NodeCommand, run_node
 from calib_model.topics import (
     GAUGE_DESCRIPTION,
     JOINT_STATES,
@@ -53,6 +54,66 @@ FILES = {
 COMPLAINT_PERIOD = 5.0  # s
 
 
+ABOUT = """\
+A simulated self-centering probe on the arm whose /joint_states it hears: publishes the styli's
+/probe/displacements, /probe_description, /gauge_description, and its health on /diagnostics."""
+EXAMPLE = 'ros2 run selfcenter_probe probe --ros-args -p seed:=3 -p rate:=500.0'
+
+
+@dataclass(frozen=True)
+class ProbeParameters:
+    """What the probe is told at the start; `rate` in Hz, `max_gap` in s, of the stamps' time."""
+
+    paths: dict[str, str]
+    seed: int
+    rate: float
+    max_gap: float
+
+
+def _nothing(_: float) -> None:
+    """What a change does to no node."""
+
+
+def read_parameters(
+    node: Any,
+    on_rate: Callable[[float], None] = _nothing,
+    on_gap: Callable[[float], None] = _nothing,
+) -> ProbeParameters:
+    """Declare the probe's parameters on `node`, a Node or a Sheet.
+
+    Raises:
+        ParameterError: one of them cannot be used; names it.
+    """
+    parameters = Parameters(node)
+    paths = {
+        name: parameters.text(
+            name, '', f'path of a YAML file: {what}; empty: {file} of {package}'
+        )
+        for name, (package, file, what) in FILES.items()
+    }  # fmt: skip
+    text = 'of the world and its noise; -1: the one in the world file'
+    seed = parameters.whole('seed', -1, text, -1, 2**62)
+    text = 'Hz, readings per second of the stamps'
+    rate = parameters.number('rate', 100.0, text, 1.0, 1e4, on_rate)
+    text = 's, longest gap to interpolate joints over'
+    return ProbeParameters(
+        paths, seed, rate, parameters.number('max_gap', 0.1, text, 1e-6, 10.0, on_gap)
+    )
+
+
+def _read(name: str, given: str, parse: Callable[[str, str], T]) -> T:
+    """What the file `given` for parameter `name` says, or the one it defaults to."""
+    if given:
+        return read_description(given, parse)
+    package, file, _ = FILES[name]
+    try:
+        return read_description(Path(get_package_share_directory(package)) / file, parse)
+    except PackageNotFoundError as error:
+        raise ParameterError(
+            f"parameter '{name}' is empty and {package} is not installed: give a path"
+        ) from error
+
+
 class ProbeNode(Node):
     """Reads the world wherever the joint states take the arm, and publishes what the styli say.
 
@@ -61,21 +122,18 @@ class ProbeNode(Node):
 
     def __init__(self) -> None:
         super().__init__('probe')
-        arm = self._described('arm', parse_arm)
-        probe = self._described('probe', parse_probe)
-        gauge = self._described('gauge', parse_gauge)
-        placements = self._described('placements', parse_placements)
-        magnitudes = self._described('world', parse_magnitudes)
-        seed = self._seed()
-        generator = np.random.default_rng(magnitudes.seed if seed < 0 else seed)
+        given = read_parameters(self, self._set_rate, self._set_gap)
+        self._rate, self._max_gap = given.rate, given.max_gap
+        paths = given.paths
+        arm = _read('arm', paths['arm'], parse_arm)
+        probe = _read('probe', paths['probe'], parse_probe)
+        gauge = _read('gauge', paths['gauge'], parse_gauge)
+        placements = _read('placements', paths['placements'], parse_placements)
+        magnitudes = _read('world', paths['world'], parse_magnitudes)
+        generator = np.random.default_rng(magnitudes.seed if given.seed < 0 else given.seed)
         of_world, of_readings = generator.spawn(2)
         world = World.drawn(arm, probe, gauge, placements, magnitudes, of_world)
-        self._simulation = ProbeSimulation(
-            world,
-            of_readings,
-            self._number('rate', 100.0, (1.0, 1e4), 'Hz, readings per second of the stamps'),
-            self._number('max_gap', 0.1, (1e-6, 10.0), 's, longest gap to interpolate joints over'),
-        )
+        self._simulation = ProbeSimulation(world, of_readings, given.rate, given.max_gap)
         self._frame = probe.name
         self._joint_names = arm.joint_names
         self._latched = [
@@ -92,48 +150,13 @@ class ProbeNode(Node):
             f'{probe.name} on {arm.name}, {gauge.name} at {len(placements)} locations'
         )
 
-    def _described(self, name: str, parse: Callable[[str, str], T]) -> T:
-        """What the file of parameter `name` says."""
-        package, file, description = FILES[name]
-        descriptor = ParameterDescriptor(
-            description=f'path of a YAML file: {description}; empty: {file} of {package}',
-            read_only=True,
-        )
-        given = self.declare_parameter(name, '', descriptor).value
-        if given:
-            return read_description(given, parse)
-        try:
-            return read_description(Path(get_package_share_directory(package)) / file, parse)
-        except PackageNotFoundError as error:
-            raise ParameterError(
-                f"parameter '{name}' is empty and {package} is not installed: give a path"
-            ) from error
+    def _set_rate(self, rate: float) -> None:
+        self._rate = rate
+        self._simulation.pace(self._rate, self._max_gap)
 
-    def _seed(self) -> int:
-        descriptor = ParameterDescriptor(
-            description='of the world and its noise; -1: the one in the world file',
-            integer_range=[IntegerRange(from_value=-1, to_value=2**63 - 1, step=0)],
-            read_only=True,
-        )
-        return int(self.declare_parameter('seed', -1, descriptor).value)
-
-    def _number(
-        self, name: str, default: float, bounds: tuple[float, float], description: str
-    ) -> float:
-        """A number within bounds; `rate:=200` is one, though ROS tells it from 200.0."""
-        descriptor = ParameterDescriptor(
-            description=f'{description}, from {bounds[0]:g} to {bounds[1]:g}',
-            dynamic_typing=True,
-            read_only=True,
-        )
-        value = self.declare_parameter(name, default, descriptor).value
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not number or not bounds[0] <= value <= bounds[1]:
-            raise ParameterError(
-                f"parameter '{name}': expected a number from {bounds[0]:g} to {bounds[1]:g}, "
-                f'got {value!r}'
-            )
-        return float(value)
+    def _set_gap(self, max_gap: float) -> None:
+        self._max_gap = max_gap
+        self._simulation.pace(self._rate, self._max_gap)
 
     def _latch(self, topic: Topic, text: str) -> Publisher:
         publisher = self.create_publisher(String, topic.name, qos_of(topic))
@@ -153,9 +176,12 @@ class ProbeNode(Node):
             self._readings.publish(message)
 
 
+COMMAND = NodeCommand('selfcenter_probe', 'probe', ABOUT, EXAMPLE, read_parameters)
+
+
 def main() -> int:
     """Run the node until it is told to stop; 2 when a parameter or a file cannot be used."""
-    return run_command(lambda: run_node(ProbeNode))
+    return run_command(lambda: run_node(COMMAND, ProbeNode))
 
 
 if __name__ == '__main__':

@@ -53,16 +53,24 @@ class ProbeSimulation:
         rate: float = 100.0,
         max_gap: float = 0.1,
     ) -> None:
-        if not (0 < rate <= 1e6 and max_gap > 0):
-            raise DataError(f'rate {rate} Hz, max_gap {max_gap} s: expected both above zero')
+        self.pace(rate, max_gap)
         of_joints, self._of_psds = generator.spawn(2)
         self._world = world
         self._repeatability = world.repeatability(of_joints)
-        self._period = max(round(SECOND / rate), 1)
-        self._max_gap = round(max_gap * SECOND)
         self._stamp: int | None = None
         self._joints = np.zeros(world.arm.n)
         self._rest: tuple[Array, Contact] | None = None
+
+    def pace(self, rate: float, max_gap: float) -> None:
+        """Read so often from now on.
+
+        Raises:
+            DataError: a rate or a gap that is not above zero.
+        """
+        if not (0 < rate <= 1e6 and max_gap > 0):
+            raise DataError(f'rate {rate} Hz, max_gap {max_gap} s: expected both above zero')
+        self._period = max(round(SECOND / rate), 1)
+        self._max_gap = round(max_gap * SECOND)
 
     def advance(self, stamps: Sequence[int], joints: Array) -> Readings:
         """The readings up to the last of M joint states: stamps (M,) in ns, joints (M, n) in rad.
