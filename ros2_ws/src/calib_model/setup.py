@@ -31,4 +31,9 @@ setup(
     maintainer_email='calibration@example.com',
     description='What is measured',
     license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'arm_from_urdf = calib_model.arm_from_urdf:main',
+        ],
+    },
 )

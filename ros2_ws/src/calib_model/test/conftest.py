@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,8 @@ from calib_model.gauge import Gauge
 from calib_model.probe import ActiveProbe
 from calib_model.probing import Measurement, ProbingSet
 from calib_model.rotation import RigidTransform
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))  # urdf_files
 
 
 @pytest.fixture(scope='session')
