@@ -6,20 +6,25 @@ from __future__ import annotations
 import signal
 import sys
 import time
+from collections.abc import Sequence
 from types import FrameType
 from typing import Any
 
 import rclpy
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.executors import Executor
+from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
 from calib_capture.capture_parameters_node import ParameterReader
 from calib_capture.capturing_node import Capturing, Stopped, Watcher
 from calib_capture.executor_node import lean_executor
+from calib_capture.led_session import LedSession
 from calib_capture.measuring_node import CaptureNode
 from calib_capture.serving_node import CaptureServer
 from calib_capture.session import CaptureSession
+from calib_capture.showing_node import Showing
 from calib_model.command import run_command
 from calib_model.errors import ParameterError
 from calib_model.progress import Progress
@@ -51,11 +56,16 @@ class _Stop:
         return bool(self.signal)
 
 
+def _too_late(_: Sequence[Parameter]) -> SetParametersResult:
+    return SetParametersResult(reason='the program runs as it was started: serve:=true takes goals')
+
+
 def _run_once(node: CaptureNode, executor: Executor, stop: _Stop) -> int:
     """One run of the command, with a progress bar."""
-    progress = Progress()
+    progress, showing = Progress(), Showing(node)
+    node.add_on_set_parameters_callback(_too_late)
 
-    def show(session: CaptureSession) -> None:
+    def show(session: CaptureSession | LedSession) -> None:
         tally, current, now = session.tally, session.run.current, time.monotonic()
         if current is not None:
             where = f'location {current.location}, sphere {current.sphere}'
@@ -63,7 +73,7 @@ def _run_once(node: CaptureNode, executor: Executor, stop: _Stop) -> int:
             progress.show(tally.done, tally.planned, left, where, now)
 
     try:
-        progress.say(Capturing(node, executor, Watcher(progress.say, show, stop.asked))())
+        progress.say(Capturing(node, executor, Watcher(progress.say, show, stop.asked), showing)())
     except Stopped as stopped:
         progress.say(f'stopped: {stopped}')
         return INTERRUPTED + stop.signal

@@ -10,6 +10,7 @@ import numpy as np
 
 from calib_capture.bodies import BodySettings, parse_bodies
 from calib_capture.configuration import configured, explained
+from calib_capture.moving import MovingSettings
 from calib_capture.program import ProgramSettings
 from calib_capture.run import RunSettings
 from calib_model.description import read_description
@@ -21,7 +22,20 @@ from calib_model.rotation import RigidTransform
 
 _APPROACH = "m along the probe's axis that must be free before every pose"
 _POOL = 'candidates for every pose, of which the most telling are taken; 1: as they come'
+_TAUGHT = (
+    'path of a YAML file that keeps the taught locations, and whose locations count as taught; '
+    'empty: they are gone with the node'
+)
+_MODE = (
+    'program: the arm is commanded from pose to pose and stands at each; '
+    'continuous: it is led by hand, and poses are taken while it moves'
+)
+_CORRECT = (
+    'pair readings with the joints by the estimated offset between their clocks; '
+    'in mode continuous, where poses wait until it is known'
+)
 DESCRIBED = ('arm', 'probe', 'gauge')
+PROGRAM, CONTINUOUS = 'program', 'continuous'
 
 
 @dataclass(frozen=True)
@@ -38,6 +52,11 @@ class CaptureParameters:
     wait_timeout: float
     resume: bool = False
     serve: bool = False
+    mode: str = PROGRAM
+    moving: MovingSettings = MovingSettings()
+    correct_clock: bool = False
+    silence: float = 3.0
+    taught: str = ''
 
 
 class ParameterReader:
@@ -73,6 +92,7 @@ class ParameterReader:
             self._parameters.flag(
                 'serve', False, 'wait for goals on /capture/run and spheres on /capture/teach'
             ),
+            self._parameters.text('taught', '', _TAUGHT),
         )
 
     def _program(self) -> ProgramSettings:

@@ -11,11 +11,17 @@ from threading import Thread
 
 from rclpy.executors import Executor
 
+from calib_capture.capture_parameters_node import CONTINUOUS
+from calib_capture.led import LedTally
+from calib_capture.led_note import LED_NOTE, LedNote
+from calib_capture.led_session import LedSession
 from calib_capture.measuring_node import TICK, CaptureNode
 from calib_capture.program import Program
 from calib_capture.resume import Begun, begun, remaining
 from calib_capture.run import RunError, Tally
 from calib_capture.session import CaptureSession
+from calib_capture.showing_node import Showing
+from calib_model.bag_reader import read_note
 from calib_model.errors import BagError, CalibrationError
 
 REMINDER = 3.0  # s between two lines that say what is being waited for
@@ -26,7 +32,7 @@ class Watcher:
     """Who asked for the capture: hears lines and progress, and may want it to stop."""
 
     say: Callable[[str], None]
-    show: Callable[[CaptureSession], None]
+    show: Callable[[CaptureSession | LedSession], None]
     stopped: Callable[[], bool]
 
 
@@ -37,11 +43,14 @@ class Stopped(Exception):  # noqa: N818  # not an error: what was wished for
 class Capturing:
     """Waits for arm and probe, plans, measures; `tally` says how it went, also after an error."""
 
-    def __init__(self, node: CaptureNode, executor: Executor, watcher: Watcher) -> None:
+    def __init__(
+        self, node: CaptureNode, executor: Executor, watcher: Watcher, showing: Showing
+    ) -> None:
         self._node = node
         self._executor = executor
         self._watcher = watcher
-        self.tally = Tally(0)
+        self._showing = showing
+        self.tally: Tally | LedTally = Tally(0)
 
     def __call__(self) -> str:
         """Do it; returns the summary.
@@ -54,7 +63,10 @@ class Capturing:
         if Path(node.asked.output).exists() and not node.asked.resume:
             raise BagError(f'{node.asked.output}: exists already, a bag is never overwritten')
         self._wait_for(node.missing_descriptions)
+        if node.asked.mode == CONTINUOUS:
+            return self._led()
         program = self._plan()
+        self._showing.program(program)
         for location, sphere in program.unreached:
             self._watcher.say(f'location {location}: sphere {sphere} is out of reach')
         there = self._there()
@@ -109,12 +121,50 @@ class Capturing:
                 while not (session.finished or stopped or node.failure):
                     self._executor.spin_once(timeout_sec=TICK)
                     self._watcher.show(session)
+                    self._showing.progress(session)
                     stopped = self._watcher.stopped()
                 if not session.finished:
                     node.stop_arm()
         finally:
             node.end()
+        self._showing.progress(session, last=True)
         return self._summary(there, stopped, time.monotonic() - begin)
+
+    def _led(self) -> str:
+        """Take in an arm that is led by hand; being stopped is the usual end of it."""
+        node, begin = self._node, time.monotonic()
+        node.describe()
+        there, noted = self._there(), self._noted()
+        if there.taken:
+            self._watcher.say(f'{node.asked.output}: {there.taken} poses are there already')
+        node.listen()
+        self._wait_for(node.missing_streams)
+        session = node.begin_led(there.files, noted)
+        self.tally = session.tally
+        try:
+            with session.recorder:
+                while not (session.finished or self._watcher.stopped()):
+                    self._executor.spin_once(timeout_sec=TICK)
+                    self._watcher.show(session)
+                session.finish()
+        finally:
+            node.end()
+        said = self._summary(there, False, time.monotonic() - begin)
+        return f'{said}; {session.remarks()}'
+
+    def _noted(self) -> LedNote:
+        """What a led capture is asked for, or what its bag was begun with."""
+        asked, output = self._node.asked, self._node.asked.output
+        if Path(output).exists():
+            earlier = LedNote.read(read_note(output, LED_NOTE), output)
+            if earlier is not None:
+                return earlier
+        placements = self._node.placements
+        for number in asked.locations:
+            if number not in placements:
+                raise RunError(f'location {number} has no place: there are {sorted(placements)}')
+        chosen = {number: placements[number] for number in asked.locations or sorted(placements)}
+        return LedNote(asked.moving, chosen, asked.program.spheres)
 
     def _summary(self, there: Begun, stopped: bool, seconds: float) -> str:
         output, failure = self._node.asked.output, self._node.failure

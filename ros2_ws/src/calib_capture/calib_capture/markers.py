@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ from calib_capture.program import Program
 from calib_model.arm import Arm
 from calib_model.gauge import Gauge
 from calib_model.kinematics import forward
+from calib_model.pairing import Outcome, Refusal, SteadyPose
 from calib_model.probe import Probe
 from calib_model.rotation import Array, RigidTransform, frozen
 
@@ -21,8 +22,10 @@ GREY: Color = (0.6, 0.6, 0.6, 0.6)
 BLUE: Color = (0.1, 0.4, 0.9, 1.0)
 RED: Color = (0.9, 0.2, 0.1, 1.0)
 GREEN: Color = (0.2, 0.7, 0.3, 0.8)
+PALE: Color = (0.5, 0.75, 0.55, 0.35)
 NEEDLE = 0.06  # m of every probing direction that is drawn
 THIN = 0.001  # m
+ALIKE = 1e-3  # rad between a planned posture and the arm's when it is there
 
 
 @dataclass(frozen=True)
@@ -38,43 +41,79 @@ class Marker:
     color: Color
 
 
+def gauge_markers(gauge: Gauge, placements: Mapping[int, RigidTransform]) -> list[Marker]:
+    """The gauge's bar and spheres, grey, at each of its places."""
+    markers: list[Marker] = []
+    certified = np.array([center for _, center in gauge.spheres])
+    for location, place in sorted(placements.items()):
+        bar, diameter = frozen(place.apply(certified)), gauge.sphere_diameter
+        markers.append(Marker('gauge', location, SPHERES, bar, diameter, GREY))
+        ends = frozen(np.repeat(bar, 2, axis=0)[1:-1])
+        markers.append(Marker('bar', location, LINES, ends, diameter / 4, GREY))
+    return markers
+
+
 def program_markers(
     program: Program, arm: Arm, probe: Probe, gauge: Gauge,
     placements: Mapping[int, RigidTransform],
 ) -> list[Marker]:  # fmt: skip
     """The gauge at each location of the program, its probed spheres (blue, red where out of
-    reach), and a needle for each pose from where the probe comes."""
-    markers: list[Marker] = []
-    unreached = set(program.unreached)
-    certified = np.array([center for _, center in gauge.spheres])
-    for location in sorted({plan.location for plan in program.spheres}):
-        place = placements[location]
-        bar = place.apply(certified)
-        asked = [plan.sphere for plan in program.spheres if plan.location == location]
-        rest = [number not in asked for number in gauge.numbers]
-        diameter = gauge.sphere_diameter
-        markers.append(Marker('gauge', location, SPHERES, frozen(bar[rest]), diameter, GREY))
-        ends = np.repeat(bar, 2, axis=0)[1:-1]
-        markers.append(Marker('bar', location, LINES, frozen(ends), diameter / 4, GREY))
-        for group, color, missing in (('probed', BLUE, False), ('out_of_reach', RED, True)):
-            numbers = [n for n in asked if ((location, n) in unreached) == missing]
-            if numbers:
-                centers = np.array([place.apply(gauge.center(n)) for n in numbers])
-                shown = Marker(group, location, SPHERES, frozen(centers), 1.2 * diameter, color)
-                markers.append(shown)
-        needles = _needles(program, arm, probe, location)
-        if len(needles):
-            markers.append(Marker('poses', location, LINES, frozen(needles), THIN, GREEN))
+    reach), and a pale needle for each planned pose from where the probe comes."""
+    locations = sorted({plan.location for plan in program.spheres})
+    markers = gauge_markers(gauge, {number: placements[number] for number in locations})
+    for location in locations:
+        markers += _asked(program, gauge, location, placements[location])
+        poses = [pose for pose in program.poses if pose.location == location]
+        if poses:
+            joints = np.array([pose.joints for pose in poses])
+            seats = np.array([pose.p_probe_sphere for pose in poses])
+            markers.append(_needles('poses', location, PALE, arm, probe, joints, seats))
     return markers
 
 
-def _needles(program: Program, arm: Arm, probe: Probe, location: int) -> Array:
-    """Two ends (2K, 3) for each pose: at the sphere's centre and back along the probe's axis."""
-    poses = [pose for pose in program.poses if pose.location == location]
-    if not poses:
-        return np.empty((0, 3))
-    T = forward(arm, np.array([pose.joints for pose in poses])) @ probe.flange_T_probe.matrix()
-    seats = np.array([pose.p_probe_sphere for pose in poses])
+def _asked(program: Program, gauge: Gauge, location: int, place: RigidTransform) -> list[Marker]:
+    """The spheres to be probed, a little larger than they are, so that they are seen."""
+    unreached = set(program.unreached)
+    asked = [plan.sphere for plan in program.spheres if plan.location == location]
+    markers = []
+    for group, color, missing in (('probed', BLUE, False), ('out_of_reach', RED, True)):
+        numbers = [n for n in asked if ((location, n) in unreached) == missing]
+        if numbers:
+            centers = frozen(np.array([place.apply(gauge.center(n)) for n in numbers]))
+            size = 1.2 * gauge.sphere_diameter
+            markers.append(Marker(group, location, SPHERES, centers, size, color))
+    return markers
+
+
+def outcome_markers(
+    outcomes: Sequence[Outcome], program: Program, arm: Arm, probe: Probe, gauge: Gauge
+) -> list[Marker]:
+    """What came of the poses so far: green needles where one was taken, red where refused.
+
+    Stops at which no pose was planned are none of the program's.
+    """
+    taken = [outcome for outcome in outcomes if isinstance(outcome, SteadyPose)]
+    refused = [outcome for outcome in outcomes if isinstance(outcome, Refusal)]
+    markers = []
+    if taken:
+        joints = np.array([pose.joints for pose in taken])
+        read = np.array([pose.displacement for pose in taken])
+        seats = probe.centers(read, gauge.sphere_diameter)
+        markers.append(_needles('taken', 0, GREEN, arm, probe, joints, seats))
+    planned = np.array([pose.joints for pose in program.poses])
+    away = [stop.joints for stop in refused if np.abs(planned - stop.joints).max(1).min() < ALIKE]
+    if away:
+        seats = np.zeros((len(away), 3))
+        markers.append(_needles('refused', 0, RED, arm, probe, np.array(away), seats))
+    return markers
+
+
+def _needles(
+    group: str, number: int, color: Color, arm: Arm, probe: Probe, joints: Array, seats: Array
+) -> Marker:
+    """From the sphere's centre back along the probe's axis, for postures (K, n) of the arm with
+    the sphere at `seats` (K, 3) in the probe."""
+    T = forward(arm, joints) @ probe.flange_T_probe.matrix()
     centers = np.einsum('nij,nj->ni', T[:, :3, :3], seats) + T[:, :3, 3]
-    ends: Array = np.stack([centers, centers - NEEDLE * T[:, :3, 2]], axis=1).reshape(-1, 3)
-    return ends
+    ends = np.stack([centers, centers - NEEDLE * T[:, :3, 2]], axis=1).reshape(-1, 3)
+    return Marker(group, number, LINES, frozen(ends), THIN, color)

@@ -4,22 +4,27 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from calib_interfaces.action import Capture
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.executors import Executor
+from rclpy.parameter import Parameter
 from rclpy.task import Future
 
-from calib_capture.capture_parameters_node import CaptureParameters
+from calib_capture.capture_parameters_node import CaptureParameters, ParameterReader
 from calib_capture.capturing_node import Capturing, Stopped, Watcher
+from calib_capture.led_session import LedSession
 from calib_capture.measuring_node import TICK, CaptureNode
 from calib_capture.session import CaptureSession
+from calib_capture.showing_node import Showing
 from calib_capture.teaching_node import Teaching
 from calib_model.errors import CalibrationError
+from calib_model.parameters_node import Proposal
 
 FEEDBACK_PERIOD = 0.25  # s
 
@@ -33,7 +38,7 @@ def asked_by(goal: Capture.Goal, asked: CaptureParameters) -> CaptureParameters:
     )
     return replace(
         asked, locations=tuple(goal.locations) or asked.locations,
-        output=goal.bag or asked.output, program=program,
+        output=goal.bag or asked.output, program=program, resume=goal.resume or asked.resume,
     )  # fmt: skip
 
 
@@ -45,7 +50,8 @@ class CaptureServer:
         self._executor = executor
         self._stopped = stopped
         self._given = node.asked
-        self._teaching = Teaching(node)
+        self._showing = Showing(node)
+        self._teaching = Teaching(node, self._showing)
         self._ready = False
         self._taken = False  # a goal is accepted and not yet answered
         self._next: tuple[ServerGoalHandle, Future] | None = None
@@ -53,6 +59,8 @@ class CaptureServer:
             node, Capture, '/capture/run', self._execute,
             goal_callback=self._on_goal, cancel_callback=lambda _: CancelResponse.ACCEPT,
         )  # fmt: skip
+        node.add_on_set_parameters_callback(self._on_set)
+        node.add_post_set_parameters_callback(self._after_set)
 
     def serve(self) -> None:
         """Work until stopped; a goal that is under way then is ended properly."""
@@ -82,6 +90,18 @@ class CaptureServer:
             self._node.get_logger().error(str(error))
             return
         self._node.listen()
+        self._showing.places()
+
+    def _on_set(self, given: Sequence[Parameter]) -> SetParametersResult:
+        """Whether the next goal can do with these parameters."""
+        try:
+            ParameterReader(Proposal(self._node, given)).read()
+        except CalibrationError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _after_set(self, _: Sequence[Parameter]) -> None:
+        self._given = ParameterReader(Proposal(self._node)).read()
 
     def _on_goal(self, _: Capture.Goal) -> GoalResponse:
         if self._taken or self._stopped():
@@ -105,7 +125,7 @@ class CaptureServer:
             log.info, _Feedback(handle),
             lambda: bool(handle.is_cancel_requested) or self._stopped(),
         )  # fmt: skip
-        capturing = Capturing(node, self._executor, watcher)
+        capturing = Capturing(node, self._executor, watcher, self._showing)
         success = False
         try:
             message = capturing()
@@ -132,7 +152,7 @@ class _Feedback:
         self._handle = handle
         self._told = 0.0
 
-    def __call__(self, session: CaptureSession) -> None:
+    def __call__(self, session: CaptureSession | LedSession) -> None:
         now, current, tally = time.monotonic(), session.run.current, session.tally
         if current is None or now - self._told < FEEDBACK_PERIOD:
             return

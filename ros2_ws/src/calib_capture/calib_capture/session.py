@@ -34,6 +34,7 @@ class CaptureSession:
         self._clock = clock
         self._wall = wall
         self._unsaved_since: float | None = None
+        self.outcomes: list[Outcome] = []  # of all stops so far, to be shown
 
     @property
     def finished(self) -> bool:
@@ -79,6 +80,7 @@ class CaptureSession:
             self._save()
 
     def _take(self, outcomes: list[Outcome]) -> None:
+        self.outcomes += outcomes
         for outcome in outcomes:
             taken = self.run.take(outcome, self._clock())
             if taken is None:

@@ -3,15 +3,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from calib_model.arm import Arm
+from calib_model.bag_writer import write_whole
+from calib_model.description import read_description
 from calib_model.errors import CalibrationError
 from calib_model.gauge import Gauge
 from calib_model.kinematics import points
-from calib_model.placement import placements_yaml
+from calib_model.placement import parse_placements, placements_yaml
 from calib_model.probe import Probe
 from calib_model.rotation import Array, RigidTransform, frozen, rotation_matrix
 
@@ -48,6 +52,43 @@ class TaughtLocation:
     def yaml(self, base_frame: str = 'base_link') -> str:
         """The text that `calib_model.placement.parse_placements` reads."""
         return placements_yaml({self.location: self.T_base_gauge}, base_frame)
+
+
+@dataclass(frozen=True)
+class TaughtBook:
+    """The file that taught locations are kept in; with an empty path they are not."""
+
+    path: str
+
+    def read(self) -> dict[int, RigidTransform]:
+        """`T_base_gauge` by location as taught before; empty where there is no file yet.
+
+        Raises:
+            DescriptionError: it cannot be read.
+        """
+        if not self.path or not Path(self.path).exists():
+            return {}
+        return read_description(self.path, parse_placements)
+
+    def write(self, taught: Mapping[int, RigidTransform], base_frame: str) -> str:
+        """Keep what is taught, whole or not at all; says in words where.
+
+        Raises:
+            TeachError: it cannot be written. What was kept before is still there.
+        """
+        if not self.path:
+            return 'not kept in a file (parameter taught)'
+        try:
+            Path(self.path).parent.mkdir(parents=True, exist_ok=True)
+            if taught:
+                write_whole(self.path, placements_yaml(taught, base_frame))
+            else:
+                Path(self.path).unlink(missing_ok=True)
+        except OSError as error:
+            raise TeachError(
+                f'taught, but {self.path} cannot be written: {error.strerror}'
+            ) from error
+        return f'kept in {self.path}'
 
 
 def probed_sphere(

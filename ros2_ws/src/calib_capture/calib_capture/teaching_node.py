@@ -10,8 +10,9 @@ from collections import deque
 from calib_interfaces.srv import Teach
 
 from calib_capture.measuring_node import CaptureNode
+from calib_capture.showing_node import Showing
 from calib_capture.standing import standing_pose
-from calib_capture.teach import TaughtSphere, TeachError, probed_sphere, taught_location
+from calib_capture.teach import TaughtBook, TaughtSphere, TeachError, probed_sphere, taught_location
 from calib_model.errors import CalibrationError
 from calib_model.pairing import JointSample, Reading, SteadySettings
 
@@ -21,10 +22,20 @@ KEPT = 2000  # messages of each stream
 
 
 class Teaching:
-    """Keeps the last moments of both streams and the spheres taught so far, by location."""
+    """Keeps the last moments of both streams and the spheres taught so far, by location.
 
-    def __init__(self, node: CaptureNode) -> None:
+    Raises:
+        DescriptionError: the file of what was taught before is there and cannot be read.
+    """
+
+    def __init__(self, node: CaptureNode, showing: Showing) -> None:
         self._node = node
+        self._showing = showing
+        self._book = TaughtBook(node.asked.taught)
+        node.taught.update(self._book.read())
+        if node.taught:
+            numbers = ', '.join(map(str, sorted(node.taught)))
+            node.get_logger().info(f'{node.asked.taught}: taught locations {numbers}')
         self._joints: deque[JointSample] = deque(maxlen=KEPT)
         self._readings: deque[Reading] = deque(maxlen=KEPT)
         self._heard = -math.inf
@@ -58,7 +69,8 @@ class Teaching:
         here = self._spheres.setdefault(location, {})
         here[number] = sphere
         # a place that was taught before does not hold for what is taught now
-        self._node.taught.pop(location, None)
+        if self._node.taught.pop(location, None) is not None:
+            self._book.write(self._node.taught, self._node.arm.base_frame)
         if len(here) < 2:
             return f'location {location}: sphere {number} taught, one more to go'
         first, last = self._ends(here)
@@ -66,9 +78,11 @@ class Teaching:
         response.length_error = self._length_error(first, last)
         taught = taught_location(gauge, location, first, last)
         self._node.taught[location] = taught.T_base_gauge
+        self._showing.places()
+        kept = self._book.write(self._node.taught, self._node.arm.base_frame)
         return (
             f'location {location}: taught by spheres {first.number} and {last.number}, '
-            f'{response.length_error * 1e3:+.3f} mm off the certificate'
+            f'{response.length_error * 1e3:+.3f} mm off the certificate, {kept}'
         )
 
     def _probed(self, number: int) -> TaughtSphere:

@@ -10,6 +10,7 @@ JOINT_STATE = 'sensor_msgs/msg/JointState'
 DISPLACEMENTS = 'calib_interfaces/msg/StylusDisplacements'
 PROBING_POSE = 'calib_interfaces/msg/ProbingPose'
 STRING = 'std_msgs/msg/String'
+MARKERS = 'visualization_msgs/msg/MarkerArray'
 TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
 
 _FOREVER = {'sec': 9223372036, 'nsec': 854775807}
@@ -49,6 +50,9 @@ ARM_DESCRIPTION = Topic('/arm_description', STRING, depth=1, latched=True)
 PROBE_DESCRIPTION = Topic('/probe_description', STRING, depth=1, latched=True)
 GAUGE_DESCRIPTION = Topic('/gauge_description', STRING, depth=1, latched=True)
 ROBOT_DESCRIPTION = Topic('/robot_description', STRING, depth=1, latched=True)
+CAPTURE_MARKERS = Topic('/capture/markers', MARKERS, depth=1, latched=True)
+SOLVER_MARKERS = Topic('/solver/markers', MARKERS, depth=1, latched=True)
+DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', depth=10)
 JOINT_TRAJECTORY = Topic('/arm_controller/joint_trajectory', TRAJECTORY, depth=1)
 
 DESCRIPTIONS = (ARM_DESCRIPTION, PROBE_DESCRIPTION, GAUGE_DESCRIPTION)
