@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 from calib_interfaces.msg import StylusDisplacements
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from numpy.typing import NDArray
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -15,6 +16,7 @@ from std_msgs.msg import Header
 
 from calib_model.rotation import Array
 from calib_model.topics import Topic
+from selfcenter_probe.health import Report
 from selfcenter_probe.simulation import SECOND, Readings
 
 
@@ -73,3 +75,16 @@ def joint_states(
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, SECOND)
         message.position = q.tolist()
         yield message
+
+
+def diagnostics(report: Report, probe: str, stamp: int) -> DiagnosticArray:
+    """The health of the named probe at a stamp in ns."""
+    seconds, nanoseconds = divmod(stamp, SECOND)
+    header = Header()
+    header.stamp.sec, header.stamp.nanosec = seconds, nanoseconds
+    status = DiagnosticStatus(
+        level=bytes([report.level]), name=f'probe: {probe}', message=report.message,
+        hardware_id=probe,
+        values=[KeyValue(key=key, value=value) for key, value in report.values.items()],
+    )  # fmt: skip
+    return DiagnosticArray(header=header, status=[status])

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from calib_interfaces.msg import StylusDisplacements
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
@@ -31,14 +33,16 @@ from calib_model.parameters_node import Parameters
 from calib_model.placement import parse_placements
 from calib_model.run_node import NodeCommand, run_node
 from calib_model.topics import (
+    DIAGNOSTICS,
     GAUGE_DESCRIPTION,
     JOINT_STATES,
     PROBE_DESCRIPTION,
     PROBE_DISPLACEMENTS,
     Topic,
 )
+from selfcenter_probe.health import Health
 from selfcenter_probe.magnitudes import parse_magnitudes
-from selfcenter_probe.messages import displacements, joints_of, qos_of, stamp_of
+from selfcenter_probe.messages import diagnostics, displacements, joints_of, qos_of, stamp_of
 from selfcenter_probe.simulation import ProbeSimulation
 from selfcenter_probe.world import World
 
@@ -52,6 +56,7 @@ FILES = {
     'world': ('selfcenter_probe', 'config/world.yaml', 'how far the truth is from all of these'),
 }
 COMPLAINT_PERIOD = 5.0  # s
+DIAGNOSTICS_PERIOD = 1.0  # s
 
 
 ABOUT = """\
@@ -143,6 +148,9 @@ class ProbeNode(Node):
         self._readings = self.create_publisher(
             StylusDisplacements, PROBE_DISPLACEMENTS.name, qos_of(PROBE_DISPLACEMENTS)
         )
+        self._health = Health()
+        self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS.name, 10)
+        self.create_timer(DIAGNOSTICS_PERIOD, self._diagnose)
         self.create_subscription(
             JointState, JOINT_STATES.name, self._on_joints, qos_of(JOINT_STATES, best_effort=True)
         )
@@ -172,8 +180,13 @@ class ProbeNode(Node):
             )
             return
         readings = self._simulation.advance([stamp_of(state)], joints)
+        self._health.take(readings)
         for message in displacements(readings, self._frame):
             self._readings.publish(message)
+
+    def _diagnose(self) -> None:
+        report = self._health.report(DIAGNOSTICS_PERIOD)
+        self._diagnostics.publish(diagnostics(report, self._frame, time.time_ns()))
 
 
 COMMAND = NodeCommand('selfcenter_probe', 'probe', ABOUT, EXAMPLE, read_parameters)
