@@ -62,7 +62,7 @@ def arm_of_chain(chain: SerialChain, name: str = '') -> Arm:
     for line in lines[1:]:
         steps.append(_to_axis(frame, line))
         frame = frame @ steps[-1].matrix()
-    T_axis_flange: Array = np.linalg.solve(frame, T_base_flange)
+    T_axis_flange = np.linalg.inv(frame) @ T_base_flange
     last, flange = _to_flange(T_axis_flange)
     joints = []
     for i, (joint, step) in enumerate(zip(chain.turning, [*steps, last], strict=True)):
@@ -143,7 +143,7 @@ def _to_flange(T_axis_flange: Array) -> tuple[Step, RigidTransform]:
         _round_length(z),
         _round_angle(theta),
     )
-    rest: Array = np.linalg.solve(step.matrix(), T_axis_flange)
+    rest = np.linalg.inv(step.matrix()) @ T_axis_flange
     return step, _rounded(RigidTransform.from_matrix(rest))
 
 

@@ -122,7 +122,7 @@ def robot(*joints: str, links: str = 'base a b c') -> str:
         (robot(TURN.replace('0 0 1', '0 1'), FIXED, SIDE), '', 'b', "expected 3 .*, got '0 1'"),
         (robot(TURN.replace('"-1"', '"2"'), FIXED, SIDE), '', 'b', 'lower < upper'),
         (robot(TURN.replace(AXIS, AXIS + '<mimic joint="x"/>')), 'base', 'a', 'follows another'),
-        ('<robot xmlns:xacro="http://wiki.ros.org/xacro"><xacro:macro/></robot>', '', '', 'is xacro'),
+        (robot('<x:macro xmlns:x="http://wiki.ros.org/xacro"/>'), '', '', 'is xacro'),
         ('<sdf/>', '', '', r'expected a <robot>, got <sdf>'),
         ('<robot', '', '', 'not XML'),
     ],

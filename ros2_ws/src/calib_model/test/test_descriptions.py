@@ -119,7 +119,7 @@ def test_the_configuration_is_plain_yaml_for_others_too(config: Path) -> None:
         elif isinstance(value, list):
             for item in value:
                 numbers(item, key)
-        elif key not in ('name', 'kind', 'base_frame', 'flange_frame'):
+        elif key not in ('name', 'kind', 'base_frame', 'flange_frame', 'axis'):
             assert isinstance(value, int | float), f'{key}: {value!r}'
 
     for folder in ('arms', 'probes', 'gauges'):

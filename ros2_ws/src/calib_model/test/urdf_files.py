@@ -44,7 +44,7 @@ def random_urdf(rng: np.random.Generator, joints: int) -> str:
     """A chain of turning and fixed joints anyhow, parallel and crossing axes among them."""
     right = np.pi / 2
     text, links = '', ['base']
-    for i in range(joints):
+    for _ in range(joints):
         for kind in rng.choice(['fixed', 'turning'], p=[0.2, 0.8], size=2):
             links.append(f'link_{len(links)}')
             turn = rng.choice([-right, 0, right, np.pi], size=3)
