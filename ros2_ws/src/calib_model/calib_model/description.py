@@ -186,7 +186,7 @@ def arm_yaml(arm: Arm) -> str:
     for key in ARM_TRANSFORMS:
         if not getattr(arm, key).is_identity:
             top[key] = _transform_row(getattr(arm, key))
-    return _dump({**top, 'joints': joints})
+    return yaml_text({**top, 'joints': joints})
 
 
 def _transform_row(transform: RigidTransform) -> dict[str, list[float]]:
@@ -205,12 +205,12 @@ def probe_yaml(probe: Probe) -> str:
              'tip_radius': s.tip_radius, 'stroke': list(s.stroke)}
             for s in probe.styli
         ]  # fmt: skip
-    return _dump(top)
+    return yaml_text(top)
 
 
 def gauge_yaml(gauge: Gauge) -> str:
     """The YAML text of a gauge; every number comes back bit for bit."""
-    return _dump({
+    return yaml_text({
         'name': gauge.name,
         'sphere_diameter': gauge.sphere_diameter,
         'spheres': [{'number': n, 'center': list(center)} for n, center in gauge.spheres],
@@ -229,7 +229,8 @@ def _float(dumper: yaml.SafeDumper, value: float) -> yaml.ScalarNode:
 _Dumper.add_multi_representer(float, _float)  # numpy floats are floats too
 
 
-def _dump(value: dict[str, Any]) -> str:
+def yaml_text(value: dict[str, Any]) -> str:
+    """YAML text that reads back bit for bit, keys in their order."""
     text: str = yaml.dump(
         value, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=100
     )

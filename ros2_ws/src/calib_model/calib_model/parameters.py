@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from calib_model.arm import JOINT_PARAMETERS, Arm
 from calib_model.errors import DataError
+from calib_model.joint_errors import JointErrors, JointTerms
 from calib_model.probe import Probe
 from calib_model.rotation import Array, RigidTransform, frozen
 
@@ -28,6 +29,9 @@ DEFAULT_SIGMA: dict[str, float] = {
     'beta': 1e-3,
     'probe_translation': 5e-2,
     'probe_rotation': 2e-1,
+    # a disc of an encoder some micrometres off its axis; a joint that gives 1 mrad to 50 N m
+    'encoder': 1e-4,
+    'compliance': 2e-5,
 }
 
 
@@ -35,8 +39,9 @@ DEFAULT_SIGMA: dict[str, float] = {
 class Parameter:
     """One parameter of the model.
 
-    `kind` is a, alpha, d, theta_0, beta, probe_translation or probe_rotation; `joint` counts from
-    1 and is 0 for the probe's; `nominal` in `unit` (m or rad). `reason` says why it is frozen.
+    `kind` is a, alpha, d, theta_0, beta, probe_translation or probe_rotation, and encoder or
+    compliance where joint errors are identified; `joint` counts from 1 and is 0 for the probe's;
+    `nominal` in `unit` (m, rad or rad/(N m)). `reason` says why it is frozen.
     """
 
     name: str
@@ -53,11 +58,13 @@ class ParameterTable:
     """All parameters of an arm of n joints with its probe: the 5n + 6 columns of a Jacobian.
 
     Columns: a1..an, alpha1.., d1.., theta_0_1.., beta1.., then the probe's translation and
-    rotation vector. A vector over all of them is `full`; one over the free ones is `free`.
+    rotation vector, then, with `joint_terms`, their n values each, term by term. A vector over all
+    of them is `full`; one over the free ones is `free`.
     """
 
     parameters: tuple[Parameter, ...]
     n: int
+    joint_terms: JointTerms | None = None
     nominal: Array = field(init=False, repr=False, compare=False)
     free_columns: NDArray[np.int64] = field(init=False, repr=False, compare=False)
 
@@ -82,6 +89,22 @@ class ParameterTable:
         for name, value in zip(PROBE_PARAMETERS[3:], mount.rotation_vector, strict=True):
             rows.append(Parameter(name, 'probe_rotation', 0, 'rad', float(value)))
         return cls(tuple(rows), arm.n)
+
+    def with_joint_terms(self, terms: JointTerms) -> ParameterTable:
+        """The same table with the values of joint errors behind, free, from zero on."""
+        rows = [
+            Parameter(f'{name}{joint}', kind, joint, unit, 0.0)
+            for kind, name, unit in terms.names
+            for joint in range(1, self.n + 1)
+        ]
+        kept = self.parameters[: self.mount.stop]
+        return ParameterTable((*kept, *rows), self.n, terms)
+
+    @property
+    def mount(self) -> slice:
+        """The columns of the probe's translation and rotation vector."""
+        size = len(JOINT_PARAMETERS) * self.n
+        return slice(size, size + len(PROBE_PARAMETERS))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -137,5 +160,13 @@ class ParameterTable:
         """`arm` and `probe` with the values of a full vector."""
         size = len(JOINT_PARAMETERS) * self.n
         geometry = np.reshape(full[:size], (len(JOINT_PARAMETERS), self.n))
-        mount = RigidTransform(full[size : size + 3], full[size + 3 :])
-        return arm.with_geometry(geometry), probe.mounted(mount)
+        mount = full[self.mount]
+        placed = RigidTransform(mount[:3], mount[3:])
+        return arm.with_geometry(geometry), probe.mounted(placed)
+
+    def joint_errors(self, full: Array) -> JointErrors | None:
+        """The joint errors of a full vector, None where the table has none."""
+        if self.joint_terms is None:
+            return None
+        values = np.reshape(full[self.mount.stop :], (self.joint_terms.count, self.n))
+        return JointErrors(self.joint_terms, values)
