@@ -52,5 +52,7 @@ def _free(done: Identification, parameter: Parameter, value: float, index: int) 
 
 
 def quantity(value: float, unit: str) -> str:
-    """A length in mm or an angle in mrad, for people."""
+    """A length in mm, an angle in mrad or a compliance in urad/(N m), for people."""
+    if unit == 'rad/(N m)':
+        return f'{value * 1e6:.3g} urad/(N m)'
     return f'{value * 1e3:.3g} {"mm" if unit == "m" else "mrad"}'

@@ -8,6 +8,8 @@ import sys
 from collections.abc import Sequence
 
 from calib_model.command import CommandParser, run_command
+from calib_model.correction import parse_correction
+from calib_model.description import read_description
 from calib_solver.loading import Sources, load
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
@@ -29,17 +31,21 @@ def arguments() -> CommandParser:
     parser.add_argument(
         '--gauge', default='', metavar='YAML', help="this certificate, not the bag's"
     )
+    parser.add_argument(
+        '--correction', default='', metavar='YAML', help='with what identify found beyond D-H'
+    )
     return parser
 
 
-def evaluation_record(sources: Sources) -> Record:
-    """Q of the contract at the top level, and the probed spheres.
+def evaluation_record(sources: Sources, correction: str = '') -> Record:
+    """Q of the contract at the top level, and the probed spheres; `correction` is a file's path.
 
     Raises:
         CalibrationError: a bag or a description cannot be used.
     """
     measured = load(sources)
-    quality = assess(Problem.of(measured), measured.arm, measured.probe)
+    beyond = read_description(correction, parse_correction) if correction else None
+    quality = assess(Problem.of(measured), measured.arm, measured.probe, beyond)
     return {**quality_record(quality), 'spheres': sphere_records(quality.spheres)}
 
 
@@ -49,7 +55,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     def work() -> None:
         given = arguments().parse_args(argv)
         sources = Sources(tuple(given.bag), given.arm, given.probe, given.gauge)
-        print(json.dumps(evaluation_record(sources), indent=1, allow_nan=False))
+        record = evaluation_record(sources, given.correction)
+        print(json.dumps(record, indent=1, allow_nan=False))
 
     return run_command(work)
 

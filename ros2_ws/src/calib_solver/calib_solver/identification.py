@@ -10,13 +10,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib_model.arm import Arm
+from calib_model.correction import Correction
 from calib_model.errors import DataError, FitError, RankError
 from calib_model.freedom import identifiable_table
+from calib_model.gravity import Links
 from calib_model.parameters import ParameterTable
 from calib_model.probe import PassiveProbe, Probe
 from calib_model.probing import Measurement
 from calib_model.rotation import Array
+from calib_solver.correction_fit import CorrectionChoice, checked_choice, fit_correction
 from calib_solver.cross_validation import CrossValidation, choose_strength
+from calib_solver.joint_error_choice import (
+    JointErrorChoice,
+    checked_kinds,
+    choose_joint_errors,
+    table_with,
+)
 from calib_solver.levenberg import ROUNDING, Fit, minimise
 from calib_solver.objectives import Objective, Quadratic, objective
 from calib_solver.observability import Observability, observe
@@ -38,13 +47,21 @@ Accumulate = Callable[[Problem, ParameterTable, Array], SphereSums]
 @dataclass(frozen=True)
 class Options:
     """What a user can choose: the objective, parameters to fix or free by pattern, the prior, and
-    the loss: `rejecting` leaves gross errors out, `plain` keeps every pose."""
+    the loss: `rejecting` leaves gross errors out, `plain` keeps every pose.
+
+    `correction` of eq. 12 is `off`, `auto` (only if locations left out get better by it) or
+    `harmonic` (all the same). `joint_errors` are kinds offered to be identified, of which
+    compliance needs the weights of the `links`.
+    """
 
     objective: str = 'distance_repeatability'
     fix: tuple[str, ...] = ()
     free: tuple[str, ...] = ()
     prior: Prior = DEFAULT_PRIOR
     loss: str = 'rejecting'
+    correction: str = 'off'
+    joint_errors: tuple[str, ...] = ()
+    links: Links | None = None
 
 
 @dataclass(frozen=True)
@@ -52,7 +69,9 @@ class Identification:
     """A solved calibration: parameters before and after, their fit, and the quality of both.
 
     `problem` holds the poses that were used; `full` are all columns of `table`; `least_noise`
-    (m^2) is what a residual's mean square was held to be at least.
+    (m^2) is what a residual's mean square was held to be at least. `arm` and `probe` are the D-H
+    model alone; `model` is what else was identified with it, `choice_12` what came of eq. 12, and
+    `corrected` the quality with that where it was accepted.
     """
 
     problem: Problem
@@ -72,6 +91,21 @@ class Identification:
     warnings: tuple[str, ...]
     cross_validation: CrossValidation | None = None
     least_noise: float = 0.0
+    joint_error_choice: JointErrorChoice | None = None
+    choice_12: CorrectionChoice | None = None
+    corrected: Quality | None = None
+
+    @property
+    def model(self) -> Correction | None:
+        """The joint errors identified together with `arm` and `probe`: part of the fit."""
+        errors = self.table.joint_errors(self.full)
+        return Correction(self.arm.joint_names, errors) if errors is not None else None
+
+    @property
+    def correction(self) -> Correction | None:
+        """All that is corrected beyond the D-H parameters: `model`, and eq. 12 if accepted."""
+        chosen = self.choice_12.correction if self.choice_12 is not None else None
+        return chosen if chosen is not None else self.model
 
 
 def identify(
@@ -89,6 +123,8 @@ def identify(
     """
     begun = time.perf_counter()
     options = options or Options()
+    checked_choice(options.correction)
+    checked_kinds(options.joint_errors, options.links)
     if options.loss not in LOSSES:
         raise DataError(f'no loss {options.loss!r}: expected one of {", ".join(LOSSES)}')
     problem = Problem.of(measured)
@@ -110,7 +146,19 @@ def identify(
         solver.follow(leader, problem)
     chosen = solver.choose_prior(problem)
     options = solver.options
-    fit = solver.account(problem, solver.solve(problem))
+    fit = solver.solve(problem)
+    errors: JointErrorChoice | None = None
+    if options.joint_errors:
+        errors = choose_joint_errors(
+            problem, table, fit.x, options.objective, options.joint_errors, options.links,
+            options.prior, fit.kappa, passes,
+        )  # fmt: skip
+        if errors.accepted:
+            table = table_with(table, problem, errors.accepted, options.links)
+            wider = _Solver(table, options, passes)
+            wider.go_on_from(solver)
+            solver, fit = wider, wider.solve(problem)
+    fit = solver.account(problem, fit)
     solver.refuse_worse(problem, fit)
     full = solver.full(fit.x)
     arm, probe = table.apply(full, measured.arm, measured.probe)
@@ -120,13 +168,32 @@ def identify(
         problem, options.objective, sums, fit.quadratic, fit.kappa,
         solver.information, options.prior.strength,
     )  # fmt: skip
-    return Identification(
+    joint_errors = table.joint_errors(full)
+    model = Correction(arm.joint_names, joint_errors) if joint_errors is not None else None
+    done = Identification(
         problem, options, table, full, arm, probe, _with_weakest(fit, observability),
         observability, uncertainty, probe_fit,
-        assess(problem, measured.arm, measured.probe), assess(problem, arm, probe),
+        assess(problem, measured.arm, measured.probe), assess(problem, arm, probe, model),
         rejected, time.perf_counter() - begun, tuple(warnings), chosen,
-        solver.least_noise,
+        solver.least_noise, errors,
     )  # fmt: skip
+    return done if options.correction == 'off' else _corrected(done, begun)
+
+
+def _corrected(done: Identification, begun: float) -> Identification:
+    """The same with the correction of eq. 12 tried on what it leaves."""
+    forced = done.options.correction == 'harmonic'
+    kappa = done.fit.kappa
+    if done.options.objective != LEADING:
+        # the correction is found on eq. 11's residuals: their mean square counts
+        sums = accumulate(done.problem, done.table, done.full)
+        quadratic = objective(LEADING)(done.problem, sums)
+        kappa = quadratic.phi / max(quadratic.terms, 1.0)
+    choice = fit_correction(done.problem, done.table, done.full, kappa, forced)
+    found = choice.correction
+    better = assess(done.problem, done.arm, done.probe, found) if found is not None else None
+    seconds = time.perf_counter() - begun
+    return replace(done, choice_12=choice, corrected=better, seconds=seconds)
 
 
 def _with_weakest(fit: Fit, observability: Observability) -> Fit:
@@ -149,6 +216,7 @@ class _Solver:
         self.information = options.prior.information(table)
         self.start: Array = np.zeros(len(self.nominal))
         self.least_noise = 0.0
+        self.history: tuple[float, ...] = ()
         self.iterations = 0
         self.evaluations = 0
 
@@ -173,6 +241,7 @@ class _Solver:
         self.start = fit.x
         self.iterations += fit.iterations
         self.evaluations += fit.evaluations
+        self.history += fit.history[1:]
         return fit
 
     def follow(self, leader: _Solver, problem: Problem) -> None:
@@ -188,6 +257,14 @@ class _Solver:
             each = (1 / np.maximum(sums.count, 1))[problem.pairs].sum(axis=1)
             self.least_noise = pose_variance(sums) * float(each.mean())
 
+    def go_on_from(self, narrower: _Solver) -> None:
+        """Start from where a table without the joint errors of this one ended."""
+        full = self.table.nominal.copy()
+        full[narrower.table.free_columns] += narrower.start
+        self.start = full[self.table.free_columns] - self.nominal
+        self.iterations, self.evaluations = narrower.iterations, narrower.evaluations
+        self.least_noise = narrower.least_noise
+
     def account(self, problem: Problem, fit: Fit) -> Fit:
         """The last fit with the work of all of them, from the nominal parameters on."""
         nominal = self.value(problem, np.zeros(len(fit.x)))
@@ -196,6 +273,7 @@ class _Solver:
             phi_initial=nominal.phi,
             iterations=self.iterations,
             evaluations=self.evaluations,
+            history=(nominal.phi, *self.history),
         )
 
     def choose_prior(self, problem: Problem) -> CrossValidation | None:
@@ -221,7 +299,7 @@ class _Solver:
             return
         full = self.table.nominal.copy()
         mount = probe_fit.flange_T_probe
-        full[-6:-3], full[-3:] = mount.translation, mount.rotation_vector
+        full[self.table.mount] = [*mount.translation, *mount.rotation_vector]
         fitted = full[self.table.free_columns] - self.nominal
         if self.value(problem, fitted).phi < self.value(problem, self.start).phi:
             self.start = fitted

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib_model.arm import Arm
-from calib_model.kinematics import points
+from calib_model.corrected_arm import CorrectedArm
+from calib_model.correction import Correction
 from calib_model.probe import Probe
 from calib_model.rotation import Array
 from calib_solver.placing import place_gauge
@@ -49,14 +50,19 @@ class Quality:
         return float(self.distance @ self.distance + known @ known)
 
 
-def probed_points(problem: Problem, arm: Arm, probe: Probe) -> Array:
-    """`p_base` (N, 3) of every pose, in the problem's order, m: eq. 14."""
-    return points(arm, problem.joints, probe.flange_T_probe.apply(problem.centers))
+def probed_points(
+    problem: Problem, arm: Arm, probe: Probe, correction: Correction | None = None
+) -> Array:
+    """`p_base` (N, 3) of every pose, in the problem's order, m: eq. 14, corrected where wanted."""
+    p_flange = probe.flange_T_probe.apply(problem.centers)
+    return CorrectedArm(arm, correction).points(problem.joints, p_flange)
 
 
-def assess(problem: Problem, arm: Arm, probe: Probe) -> Quality:
-    """The quality of `arm` with `probe` on the poses of a problem."""
-    p_base = probed_points(problem, arm, probe)
+def assess(
+    problem: Problem, arm: Arm, probe: Probe, correction: Correction | None = None
+) -> Quality:
+    """The quality of `arm` with `probe` on the poses of a problem, corrected where wanted."""
+    p_base = probed_points(problem, arm, probe, correction)
     count = problem.counts
     center = np.empty((len(count), 3))
     two_sigma = np.full((len(count), 3), np.nan)

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from calib_model.corrected_arm import CorrectedArm
 from calib_model.errors import DataError
 from calib_model.gauge import Gauge
-from calib_model.kinematics import forward
 from calib_model.parameters import ParameterTable
 from calib_model.probing import Measurement
 from calib_model.progress import Progress
@@ -192,9 +192,10 @@ def exact_centers(done: Identification) -> Array:
     for rows in problem.placements:
         weight = problem.counts[rows].astype(float)
         target[rows] = place_gauge(certified[rows], spheres.center[rows], weight).points
-    points = probed_points(problem, done.arm, done.probe)
+    points = probed_points(problem, done.arm, done.probe, done.model)
     miss = np.repeat(target, problem.counts, axis=0) - points
-    turned = forward(done.arm, problem.joints)[:, :3, :3] @ done.probe.flange_T_probe.rotation
+    arm = CorrectedArm(done.arm, done.model)
+    turned = arm.forward(problem.joints)[:, :3, :3] @ done.probe.flange_T_probe.rotation
     centers: Array = problem.centers + np.einsum('nij,ni->nj', turned, miss)
     return centers
 

@@ -8,16 +8,20 @@ the memory does not grow with N.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from calib_model.arm import Arm
 from calib_model.jacobian import probing_jacobian
 from calib_model.parameters import ParameterTable
 from calib_model.rotation import Array
 from calib_solver import compiled
 from calib_solver.problem import IntArray, Problem
 
+#: points (R, 3) and their Jacobian (R, 3, F) of rows of a problem's poses
+Evaluate = Callable[[IntArray], tuple[Array, Array]]
 BLOCK = 1024  # poses at a time: their Jacobians stay in cache
 
 
@@ -40,7 +44,7 @@ class SphereSums:
 
 def accumulate(problem: Problem, table: ParameterTable, full: Array) -> SphereSums:
     """The sums at the parameters `full` (all columns of `table`), by its free columns."""
-    if compiled.available(problem):
+    if compiled.available(problem) and table.joint_terms is None:
         return accumulate_compiled(problem, table, full)
     return accumulate_numpy(problem, table, full)
 
@@ -69,26 +73,34 @@ def accumulate_compiled(problem: Problem, table: ParameterTable, full: Array) ->
 
 def accumulate_numpy(problem: Problem, table: ParameterTable, full: Array) -> SphereSums:
     """The same in numpy alone: the twin that the compiled kernel is tested against."""
-    spheres, free = len(problem.keys), len(table.free_columns)
+
+    def evaluate(rows: IntArray) -> tuple[Array, Array]:
+        point, jacobian = point_jacobian(problem, table, full, rows)
+        return point, jacobian[:, :, table.free_columns]
+
+    return accumulate_by(problem, len(table.free_columns), evaluate)
+
+
+def accumulate_by(problem: Problem, free: int, evaluate: Evaluate) -> SphereSums:
+    """The sums by any F = `free` columns: `evaluate` gives points (R, 3) and Jacobian (R, 3, F)
+    of some rows of the poses."""
+    spheres = len(problem.keys)
     sums = SphereSums(
         np.zeros(spheres), np.zeros((spheres, 3)), np.zeros((spheres, 3, free)),
         np.zeros((spheres, 3)), np.zeros((spheres, free)), np.zeros((spheres, free, free)),
     )  # fmt: skip
     for sphere in range(spheres):
-        rows = problem.rows(sphere)
-        _accumulate_sphere(problem, table, full, rows, sums, sphere)
+        _accumulate_sphere(problem, evaluate, sums, sphere)
     return sums
 
 
-def _accumulate_sphere(
-    problem: Problem, table: ParameterTable, full: Array, rows: slice, sums: SphereSums, s: int
-) -> None:
+def _accumulate_sphere(problem: Problem, evaluate: Evaluate, sums: SphereSums, s: int) -> None:
+    rows = problem.rows(s)
     reference: Array | None = None
     moment = np.zeros(3)
     for first in range(rows.start, rows.stop, BLOCK):
         block = np.arange(first, min(first + BLOCK, rows.stop))
-        point, jacobian = point_jacobian(problem, table, full, block)
-        jacobian = jacobian[:, :, table.free_columns]
+        point, jacobian = evaluate(block)
         if reference is None:
             # deviations from a point nearby: squares of whole coordinates would drown them
             reference = point[0].copy()
@@ -116,6 +128,25 @@ def _accumulate_sphere(
 def point_jacobian(
     problem: Problem, table: ParameterTable, full: Array, rows: IntArray
 ) -> tuple[Array, Array]:
-    """Points (R, 3) of the rows and their Jacobian (R, 3, 5n + 6) by every column of the table."""
+    """Points (R, 3) of the rows and their Jacobian by every column of the table, (R, 3, C).
+
+    C is 5n + 6, and n more for each joint term. Of compliance, how the torques themselves change
+    with the parameters is left out: it is to their effect what that is to the arm.
+    """
     arm, probe = table.apply(full, problem.measured.arm, problem.measured.probe)
-    return probing_jacobian(arm, probe, problem.joints[rows], problem.centers[rows])
+    joints, centers = problem.joints[rows], problem.centers[rows]
+    errors = table.joint_errors(full)
+    if errors is None:
+        return probing_jacobian(arm, probe, joints, centers)
+    basis = errors.terms.basis(arm, joints)
+    there = joints + np.einsum('ntj,tj->nj', basis, errors.values)
+    point, jacobian = probing_jacobian(arm, probe, there, centers)
+    by_term = by_joint(table, arm, jacobian)[:, :, None, :] * basis[:, None, :, :]
+    return point, np.concatenate([jacobian, by_term.reshape(*point.shape, -1)], axis=2)
+
+
+def by_joint(table: ParameterTable, arm: Arm, jacobian: Array) -> Array:
+    """How points move with the joints (R, 3, n), m/rad, from their Jacobian by the parameters."""
+    first = table.column('theta_0_1')
+    moved: Array = -arm.direction * jacobian[:, :, first : first + arm.n]
+    return moved

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Eq. 12: correction functions of the joint angles, found from the errors that a model leaves.
+
+Eq. 12 gives each coordinate's repeatability error as a function of the joints. The functions are
+harmonic series in every joint: `turn`, of what moves the point as that joint does, and `shift`, of
+each coordinate alone. How many orders, and how firmly they are held near zero, is what predicts
+gauge locations left out best; the certified distances are kept in the balance as in eq. 11.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib_model.correction import Correction, Shift
+from calib_model.errors import DataError
+from calib_model.joint_errors import JointErrors, JointTerms, harmonic_basis
+from calib_model.parameters import ParameterTable
+from calib_model.rotation import Array
+from calib_solver.leaving_out import FEWEST_LOCATIONS, Gain, LeavingOut
+from calib_solver.problem import IntArray, Problem
+from calib_solver.sums import accumulate_by, by_joint, point_jacobian
+
+CHOICES = ('off', 'auto', 'harmonic')
+#: orders of `turn` and of `shift` that are tried
+BASES = ((1, 0), (2, 0), (3, 0), (0, 1), (0, 2), (2, 1), (2, 2), (3, 2))
+#: how firmly: times the weight that the poses' noise gives a coefficient of these sizes
+STRENGTHS = (1.0, 10.0, 100.0, 1000.0, 10000.0)
+TURN_SIGMA = 1e-4  # rad, of the first order; the k-th has a k-th of it
+SHIFT_SIGMA = 1e-4  # m
+OBJECTIVE = 'distance_repeatability'
+
+
+@dataclass(frozen=True)
+class CorrectionChoice:
+    """What came of eq. 12: the best basis, `turn` and `shift` orders held with `strength`, what it
+    gains on locations left out, and whether the `correction` was `accepted`.
+
+    `two_sigma` and `distance` are rms (m) over the locations left out, without and with it.
+    """
+
+    accepted: bool
+    verdict: str
+    turn: int = 0
+    shift: int = 0
+    strength: float = 0.0
+    gain: Gain | None = None
+    two_sigma: tuple[float, float] | None = None
+    distance: tuple[float, float] | None = None
+    folds: int = 0
+    correction: Correction | None = None
+
+
+def checked_choice(choice: str) -> str:
+    """The choice itself.
+
+    Raises:
+        DataError: there is none such.
+    """
+    if choice not in CHOICES:
+        raise DataError(f'no correction {choice!r}: expected one of {", ".join(CHOICES)}')
+    return choice
+
+
+def fit_correction(
+    problem: Problem, table: ParameterTable, full: Array, kappa: float, forced: bool = False
+) -> CorrectionChoice:
+    """The correction of eq. 12 for the model of a table at `full`, or why there is none.
+
+    `kappa` (m^2) is the mean square of eq. 11's residuals there. Refused where locations left out
+    do not get better by it beyond doubt, unless `forced`.
+    """
+    count = len(problem.locations)
+    if count < FEWEST_LOCATIONS:
+        reason = f'{count} locations, expected {FEWEST_LOCATIONS} to judge it by'
+        return CorrectionChoice(False, f'correction of eq. 12 refused: {reason}')
+    turns, shifts = (max(orders) for orders in zip(*BASES, strict=True))
+    columns = _Columns(table.n, turns, shifts)
+
+    def evaluate(rows: IntArray) -> tuple[Array, Array]:
+        return columns.at(problem, table, full, rows)
+
+    judge = LeavingOut(
+        problem, accumulate_by(problem, columns.count, evaluate), OBJECTIVE, kappa
+    )
+    nothing = np.zeros(columns.count)
+    without = judge.scores(np.zeros(0, dtype=np.int64), nothing, nothing)
+    found = {
+        (basis, strength): judge.scores(columns.of(*basis), strength * columns.information, nothing)
+        for basis in BASES
+        for strength in STRENGTHS
+    }
+    gains = {key: scores.against(without) for key, scores in found.items()}
+    best = min(gains, key=lambda key: gains[key].change)
+    (turn, shift), strength = best
+    gain, scores = gains[best], found[best]
+    accepted = gain.convinces or forced
+    what = f'{turn} and {shift} harmonics of each joint for turn and shift, strength {strength:g}'
+    change = (
+        f'locations left out change by {gain.words}, their 2 sigma from '
+        f'{without.two_sigma_rms * 1e3:.4f} to {scores.two_sigma_rms * 1e3:.4f} mm rms'
+    )
+    how = 'accepted' if gain.convinces else 'taken as asked' if forced else 'refused'
+    step = judge.fit(columns.of(turn, shift), strength * columns.information, nothing, judge.whole)
+    names = problem.measured.arm.joint_names
+    return CorrectionChoice(
+        accepted, f'correction of eq. 12 {how}: {what}: {change}', turn, shift, strength, gain,
+        (without.two_sigma_rms, scores.two_sigma_rms),
+        (without.distance_rms, scores.distance_rms), len(judge.folds),
+        columns.correction(step, turn, shift, names, table.joint_errors(full))
+        if accepted else None,
+    )  # fmt: skip
+
+
+class _Columns:
+    """The columns of `turn` (2 K n) and behind them of `shift` (2 L 3 n), order by order."""
+
+    def __init__(self, n: int, turns: int, shifts: int) -> None:
+        self.n, self.turns, self.shifts = n, turns, shifts
+        self.first_shift = 2 * turns * n
+        self.count = self.first_shift + 6 * shifts * n
+        order = np.concatenate([
+            np.repeat(np.arange(1, turns + 1), 2 * n), np.repeat(np.arange(1, shifts + 1), 6 * n)
+        ])  # fmt: skip
+        sigma = np.where(np.arange(self.count) < self.first_shift, TURN_SIGMA, SHIFT_SIGMA)
+        self.information: Array = (order / sigma) ** 2
+
+    def of(self, turn: int, shift: int) -> IntArray:
+        """The columns of so many orders."""
+        shifts = self.first_shift + np.arange(6 * shift * self.n)
+        return np.concatenate([np.arange(2 * turn * self.n), shifts])
+
+    def at(
+        self, problem: Problem, table: ParameterTable, full: Array, rows: IntArray
+    ) -> tuple[Array, Array]:
+        """Points (R, 3) of some poses and what the columns add to them (R, 3, F)."""
+        point, jacobian = point_jacobian(problem, table, full, rows)
+        moved = by_joint(table, problem.measured.arm, jacobian)
+        basis = harmonic_basis(problem.joints[rows], max(self.turns, self.shifts))
+        by_turn = moved[:, :, None, :] * basis[:, None, : 2 * self.turns]
+        by_shift = (
+            np.eye(3)[None, :, None, :, None] * basis[:, None, : 2 * self.shifts, None, :]
+        )
+        return point, np.concatenate(
+            [by_turn.reshape(len(rows), 3, -1), by_shift.reshape(len(rows), 3, -1)], axis=2
+        )
+
+    def correction(
+        self,
+        step: Array,
+        turn: int,
+        shift: int,
+        joint_names: tuple[str, ...],
+        joint_errors: JointErrors | None,
+    ) -> Correction:
+        """The coefficients as a correction."""
+        turned = step[: 2 * turn * self.n].reshape(-1, self.n)
+        shifted = step[self.first_shift :][: 6 * shift * self.n].reshape(-1, 3, self.n)
+        return Correction(
+            joint_names,
+            joint_errors,
+            JointErrors(JointTerms(turn), turned) if turn else None,
+            Shift(shifted) if shift else None,
+        )

@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which joint errors are identified with the D-H parameters: those that locations left out want."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib_model.errors import DataError
+from calib_model.gravity import Links
+from calib_model.joint_errors import COMPLIANCE, ENCODER, ENCODER_HARMONICS, KINDS, JointTerms
+from calib_model.parameters import ParameterTable
+from calib_model.rotation import Array
+from calib_solver.leaving_out import FEWEST_LOCATIONS, Gain, LeavingOut
+from calib_solver.prior import Prior
+from calib_solver.problem import IntArray, Problem
+from calib_solver.sums import SphereSums
+
+#: a joint on which gravity's torque stays below this (N m) says nothing of its compliance
+LEAST_TORQUE = 1e-6
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A kind of joint error with what it gains on locations left out, and whether it was taken."""
+
+    kind: str
+    gain: Gain
+    accepted: bool
+
+
+@dataclass(frozen=True)
+class JointErrorChoice:
+    """What was `offered` and `tried`, one after the other; `folds` parts of the locations."""
+
+    offered: tuple[str, ...]
+    tried: tuple[Tried, ...]
+    folds: int
+    refusal: str = ''
+
+    @property
+    def accepted(self) -> tuple[str, ...]:
+        """The kinds that are identified."""
+        return tuple(one.kind for one in self.tried if one.accepted)
+
+    @property
+    def lines(self) -> list[str]:
+        """What became of each kind, one line each."""
+        if self.refusal:
+            return [f'joint errors refused: {self.refusal}']
+        return [
+            f'joint errors, {one.kind} {"identified" if one.accepted else "refused"}: '
+            f'locations left out change by {one.gain.words}'
+            for one in self.tried
+        ]
+
+
+def chosen_kinds(text: str) -> tuple[str, ...]:
+    """The kinds that a command's option names, separated by commas; '' is none."""
+    return tuple(dict.fromkeys(part.strip() for part in text.split(',') if part.strip()))
+
+
+def checked_kinds(kinds: tuple[str, ...], links: Links | None) -> tuple[str, ...]:
+    """The kinds themselves.
+
+    Raises:
+        DataError: an unknown kind, or compliance without the masses of the links.
+    """
+    for kind in kinds:
+        if kind not in KINDS:
+            raise DataError(f'no joint error {kind!r}: expected {" or ".join(KINDS)}')
+    if COMPLIANCE in kinds and links is None:
+        raise DataError('joint error compliance: the masses of the links are not given')
+    return kinds
+
+
+def table_with(
+    table: ParameterTable, problem: Problem, kinds: tuple[str, ...], links: Links | None
+) -> ParameterTable:
+    """The table with the columns of some kinds; torques that are not felt are held at zero."""
+    terms = JointTerms(
+        ENCODER_HARMONICS if ENCODER in kinds else 0, links if COMPLIANCE in kinds else None
+    )
+    wider = table.with_joint_terms(terms)
+    if terms.links is None:
+        return wider
+    torque = np.abs(terms.basis(problem.measured.arm, problem.joints)[:, -1]).max(axis=0)
+    for joint in np.flatnonzero(torque < LEAST_TORQUE) + 1:
+        name = f'compliance_{joint}'
+        reason = f'{name}: gravity does not turn joint {joint}'
+        wider = wider.frozen_at([wider.column(name)], reason)
+    return wider
+
+
+def choose_joint_errors(
+    problem: Problem,
+    table: ParameterTable,
+    x: Array,
+    name: str,
+    kinds: tuple[str, ...],
+    links: Links | None,
+    prior: Prior,
+    kappa: float,
+    passes: Callable[[Problem, ParameterTable, Array], SphereSums],
+) -> JointErrorChoice:
+    """Add the kinds one by one, the best first, while locations left out get better by it.
+
+    `x` (F,) are the free parameters' offsets at the minimum of objective `name` without them and
+    `kappa` (m^2) the prior's weight there; D-H parameters and mount are fitted anew with each.
+    """
+    count = len(problem.locations)
+    if count < FEWEST_LOCATIONS:
+        return JointErrorChoice(
+            kinds, (), 0, f'{count} locations, expected {FEWEST_LOCATIONS} to judge them by'
+        )
+    wider = table_with(table, problem, kinds, links)
+    full = wider.nominal.copy()
+    full[table.free_columns] += x
+    judge = LeavingOut(problem, passes(problem, wider, full), name, kappa)
+    information = prior.information(wider)
+    about = full[wider.free_columns] - wider.nominal[wider.free_columns]
+    columns = {kind: _columns(wider, kind) for kind in ('', *kinds)}
+    taken = columns['']
+    scores = judge.scores(taken, information, about)
+    tried: list[Tried] = []
+    left = list(kinds)
+    while left:
+        found = {
+            kind: judge.scores(np.union1d(taken, columns[kind]), information, about)
+            for kind in left
+        }
+        gains = {kind: found[kind].against(scores) for kind in left}
+        best = min(left, key=lambda kind: gains[kind].change)
+        if not gains[best].convinces:
+            tried += [Tried(kind, gains[kind], False) for kind in left]
+            break
+        tried.append(Tried(best, gains[best], True))
+        taken, scores = np.union1d(taken, columns[best]), found[best]
+        left.remove(best)
+    return JointErrorChoice(kinds, tuple(tried), len(judge.folds))
+
+
+def _columns(table: ParameterTable, kind: str) -> IntArray:
+    """Places of a kind of joint error among the free columns; '' are all that is none."""
+    found = [
+        i for i, parameter in enumerate(table.free)
+        if parameter.kind == kind or (not kind and parameter.kind not in KINDS)
+    ]  # fmt: skip
+    return np.array(found, dtype=np.int64)
