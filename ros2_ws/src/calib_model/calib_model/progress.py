@@ -5,11 +5,13 @@ from __future__ import annotations
 
 import math
 import sys
+import time
 from typing import TextIO
 
 BAR = 30
 BAR_PERIOD = 0.1  # s
 LINE_PERIOD = 5.0  # s
+QUIET = 1.0  # s: work that is done by then need not tell of itself
 
 
 class Progress:
@@ -49,6 +51,35 @@ class Progress:
         if self._open:
             print('\r\x1b[K', end='', file=self._stream, flush=True)
             self._open = False
+
+
+class Pace:
+    """Tells a `Progress` of one stretch of work, with the time left at the pace so far.
+
+    Short work passes without a word. `unit` is how many of what is counted make one of the
+    progress's things: 1e6 where bytes are counted and MB shown.
+    """
+
+    def __init__(self, progress: Progress, where: str, unit: float = 1.0) -> None:
+        self._progress = progress
+        self._where = where
+        self._unit = unit
+        self._begin = time.monotonic()
+
+    def __call__(self, done: int, planned: int) -> None:
+        """`done` out of `planned` are done."""
+        now = time.monotonic()
+        spent = now - self._begin
+        if spent < QUIET:
+            return
+        left = spent / done * (planned - done) if done else math.nan
+        self._progress.show(
+            round(done / self._unit), round(planned / self._unit), left, self._where, now
+        )
+
+    def end(self) -> None:
+        """Take the bar away, if there is one."""
+        self._progress.clear()
 
 
 def _duration(seconds: float) -> str:

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Many JointState or StylusDisplacements messages at once: alike in layout, they are one table."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib_model import cdr
+from calib_model.rotation import Array
+from calib_model.topics import DISPLACEMENTS, JOINT_STATE
+
+HEADER = 4  # bytes of the CDR header, from behind which alignment counts
+STRINGS = 12  # offset of the frame's length, behind CDR header and stamp
+SECOND = 1_000_000_000
+Rows = NDArray[np.int64]
+Bytes = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class JointBlock:
+    """Joint states that name the same joints: `rows` (N,) of the messages they come from, `stamp`
+    (N,) in ns, `position` (N, k) in rad, as many as `names`."""
+
+    names: tuple[str, ...]
+    rows: Rows
+    stamp: Rows
+    position: Array
+
+
+@dataclass(frozen=True)
+class ReadingBlock:
+    """Probe readings: `rows` (N,), `stamp` (N,) in ns, `displacement` (N, 3) in m, `status`."""
+
+    rows: Rows
+    stamp: Rows
+    displacement: Array
+    status: Bytes
+
+
+def joint_blocks(messages: Sequence[bytes]) -> Iterator[JointBlock]:
+    """The joint states in CDR messages, those of one layout together.
+
+    Raises:
+        ValueError: a message is no JointState.
+    """
+    for rows, table in _tables(messages, _joint_layout):
+        layout = _joint_layout(table[0].tobytes())
+        names = tuple(
+            table[0, begin : begin + length - 1].tobytes().decode('utf-8', 'replace')
+            for begin, length in layout.strings[1:]
+        )
+        position = _column(table, layout.values, '<f8', layout.count)
+        # some publish fewer positions than names, or none
+        names = names[: layout.count]
+        yield JointBlock(names, rows, _stamps(table), position[:, : len(names)])
+
+
+def reading_blocks(messages: Sequence[bytes]) -> Iterator[ReadingBlock]:
+    """The probe readings in CDR messages, those of one layout together.
+
+    Raises:
+        ValueError: a message is no StylusDisplacements.
+    """
+    for rows, table in _tables(messages, _reading_layout):
+        values = _reading_layout(table[0].tobytes()).values
+        status = table[:, values + 24 : values + 27]
+        yield ReadingBlock(rows, _stamps(table), _column(table, values, '<f8', 3), status)
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Where things are (bytes): `strings` with begin and length, `count` doubles at `values`.
+
+    `fixed` are the places that must be equal for two messages of one length to be of one layout:
+    byte order, lengths and names, but no padding, which holds whatever was in memory.
+    """
+
+    strings: tuple[tuple[int, int], ...]
+    values: int
+    count: int
+    fixed: NDArray[np.int64]
+
+
+class _Reading:
+    """Walks through a message and notes the places that place everything else."""
+
+    def __init__(self, data: bytes, kind: str) -> None:
+        self.data, self.kind = data, kind
+        self.at = STRINGS
+        self.fixed = [0, 1]
+        if len(data) < STRINGS + 4 or data[0] != 0 or data[1] != 1:
+            raise ValueError(f'not a {kind}: not little-endian CDR')
+
+    def align(self, size: int) -> None:
+        self.at += -(self.at - HEADER) % size
+
+    def length(self) -> int:
+        self.align(4)
+        if self.at + 4 > len(self.data):
+            raise ValueError(f'not a {self.kind}: too short')
+        (value,) = struct.unpack_from('<I', self.data, self.at)
+        self.fixed += range(self.at, self.at + 4)
+        self.at += 4
+        return int(value)
+
+    def string(self) -> tuple[int, int]:
+        length = self.length()
+        begin = self.at
+        self.room(length)
+        self.fixed += range(begin, begin + length)
+        self.at += length
+        return begin, length
+
+    def room(self, size: int) -> None:
+        if self.at + size > len(self.data):
+            raise ValueError(f'not a {self.kind}: too short')
+
+
+def _joint_layout(data: bytes) -> _Layout:
+    found = _Reading(data, JOINT_STATE)
+    strings = [found.string()]
+    number = found.length()
+    found.room(number)
+    strings += [found.string() for _ in range(number)]
+    count = found.length()
+    if count:
+        found.align(8)
+    found.room(8 * count)
+    return _Layout(tuple(strings), found.at, count, np.array(found.fixed))
+
+
+def _reading_layout(data: bytes) -> _Layout:
+    found = _Reading(data, DISPLACEMENTS)
+    frame = found.string()
+    found.align(8)
+    found.room(27)
+    return _Layout((frame,), found.at, 3, np.array(found.fixed))
+
+
+def _tables(
+    messages: Sequence[bytes], layout_of: Callable[[bytes], _Layout]
+) -> Iterator[tuple[Rows, Bytes]]:
+    """Messages of one layout as rows of bytes (N, length), and which they are."""
+    lengths = np.fromiter(map(len, messages), dtype=np.int64, count=len(messages))
+    for length in np.unique(lengths):
+        rows = np.flatnonzero(lengths == length)
+        joined = b''.join([messages[row] for row in rows])
+        table = np.frombuffer(joined, dtype=np.uint8).reshape(len(rows), -1)
+        while len(rows):
+            fixed = layout_of(table[0].tobytes()).fixed
+            alike = (table[:, fixed] == table[0, fixed]).all(axis=1)
+            yield rows[alike], table[alike]
+            rows, table = rows[~alike], table[~alike]
+
+
+def _column(table: Bytes, offset: int, kind: str, count: int) -> np.ndarray:
+    size = np.dtype(kind).itemsize * count
+    return np.ascontiguousarray(table[:, offset : offset + size]).view(kind)
+
+
+def _stamps(table: Bytes) -> Rows:
+    seconds, nanoseconds = _column(table, 4, '<i4', 1)[:, 0], _column(table, 8, '<u4', 1)[:, 0]
+    stamps: Rows = seconds.astype(np.int64) * SECOND + nanoseconds
+    return stamps
+
+
+def little_endian(kind: str, data: bytes) -> bytes:
+    """A message of the other byte order in this one's; as it is where that is so already.
+
+    Raises:
+        ValueError: the bytes do not hold such a message.
+    """
+    return cdr.encode(cdr.decode(kind, data)) if data[:2] == b'\x00\x00' else data

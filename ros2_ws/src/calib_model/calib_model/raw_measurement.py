@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A measurement from a bag that holds no poses: paired, and sorted by location and sphere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from calib_model.arm import Arm
+from calib_model.bag_reader import Told, read_note
+from calib_model.certificate_match import Certificate
+from calib_model.description import parse_arm, parse_gauge, parse_probe
+from calib_model.errors import BagError, ContactError, DataError
+from calib_model.gauge import Gauge
+from calib_model.kinematics import points
+from calib_model.pairing import SteadyPose, SteadySettings
+from calib_model.pairing_note import NOTE, settings_of
+from calib_model.probe import Probe
+from calib_model.probing import Measurement, ProbingSet
+from calib_model.raw_pairing import pair_streams
+from calib_model.raw_streams import RawBag, RawTopics, read_raw
+from calib_model.rotation import Array
+from calib_model.sphere_numbering import Numbering, numbered
+from calib_model.sphere_visits import Grouped, Grouping, SeenLocation
+from calib_model.topics import ARM_DESCRIPTION, GAUGE_DESCRIPTION, PROBE_DESCRIPTION, Topic
+
+T = TypeVar('T')
+MOST_STRAYS = 5  # that are told one by one
+
+
+@dataclass(frozen=True)
+class RawChoice:
+    """What a user can say of a raw bag: its `topics`, the numbers of the `spheres` that were
+    probed where they are known, `settings` of the pairing (None: the bag's own), and whether the
+    arm stood still for each pose (None: the data tell)."""
+
+    topics: RawTopics = RawTopics()
+    spheres: tuple[int, ...] = ()
+    settings: SteadySettings | None = None
+    standing: bool | None = None
+
+
+@dataclass(frozen=True)
+class Instruments:
+    """Descriptions that take the place of a bag's own, where given."""
+
+    arm: Arm | None = None
+    probe: Probe | None = None
+    gauge: Gauge | None = None
+
+
+@dataclass(frozen=True)
+class Sorted:
+    """A raw bag's poses by location, from 1, and place; `measured` has in `sphere` the places'
+    numbers until a `Numbering` gives them the certificate's. `lines` say what was done."""
+
+    measured: Measurement
+    locations: tuple[SeenLocation, ...]
+    certificate: Certificate
+    near: float
+    lines: tuple[str, ...] = field(default=())
+
+
+def sort_bag(
+    path: str | Path, choice: RawChoice, given: Instruments, told: Told | None = None
+) -> Sorted:
+    """The poses of a bag with nothing but its raw topics, told apart by location and place.
+
+    Raises:
+        BagError: no bag, a topic or a description missing, or no pose comes of it.
+        DescriptionError: a description in the bag cannot be used.
+        DataError: no two spheres stand to one another as on the certificate.
+    """
+    bag = read_raw(path, choice.topics, told)
+    arm = given.arm or _described(bag, ARM_DESCRIPTION, parse_arm, 'arm')
+    probe = given.probe or _described(bag, PROBE_DESCRIPTION, parse_probe, 'probe')
+    gauge = given.gauge or _described(bag, GAUGE_DESCRIPTION, parse_gauge, 'gauge')
+    unknown = [number for number in choice.spheres if number not in gauge.numbers]
+    if unknown:
+        raise DataError(f'{gauge.name}: no sphere {unknown[0]} on the certificate')
+    names = choice.topics.joints or arm.joint_names
+    if len(names) != arm.n:
+        raise DataError(f'--joints names {len(names)} joints, the arm {arm.name} has {arm.n}')
+    streams = bag.streams(names)
+    settings = choice.settings or settings_of(read_note(path, NOTE))
+    paired = pair_streams(streams, settings, choice.standing)
+    lines = [
+        f'{path}: {len(streams.joints)} joint states and {len(streams.displacement)} readings in '
+        f'{streams.seconds:.0f} s', *paired.lines(),
+    ]  # fmt: skip
+    if streams.unordered:
+        lines.append(f'{streams.unordered} messages with stamps that came twice left out')
+    poses, p_base, unusable = _seen(arm, probe, gauge, paired.poses)
+    if unusable:
+        lines.append(f'{unusable} poses left out: readings that no sphere of the gauge gives')
+    if not poses:
+        why = f'{paired.stops} stops and {paired.contacts} contacts'
+        raise BagError(f'{path}: no pose comes of its {why} with good readings')
+    certificate = Certificate(gauge, choice.spheres)
+    grouping = Grouping(p_base, certificate)
+    grouped = grouping.run()
+    lines += _told_apart(grouped)
+    if not grouped.locations:
+        raise DataError(f'{path}: {_nothing(grouped)}')
+    measured = Measurement(arm, probe, gauge, _by_place(poses, grouped), str(path))
+    return Sorted(
+        measured, tuple(grouped.locations), certificate, grouping.near, tuple(lines)
+    )  # fmt: skip
+
+
+def _described(bag: RawBag, topic: Topic, parse: Callable[[str, str], T], option: str) -> T:
+    if topic.name not in bag.texts:
+        raise BagError(
+            f'{bag.path}: the bag has no {topic.name}: give it with --{option} {option}.yaml'
+        )
+    return parse(bag.texts[topic.name], f'{bag.path}: {topic.name}')
+
+
+def _seen(
+    arm: Arm, probe: Probe, gauge: Gauge, poses: Sequence[SteadyPose]
+) -> tuple[list[SteadyPose], Array, int]:
+    """Poses in time order, where the arm sees their sphere (N, 3), and how many cannot be used."""
+    poses = sorted(poses, key=lambda pose: pose.stamp)
+    usable, centers = [], []
+    try:
+        displacement = np.array([pose.displacement for pose in poses]).reshape(-1, 3)
+        centers = list(probe.centers(displacement, gauge.sphere_diameter))
+        usable = list(poses)
+    except ContactError:
+        for pose in poses:
+            try:
+                centers.append(probe.centers(pose.displacement[None], gauge.sphere_diameter)[0])
+            except ContactError:
+                continue
+            usable.append(pose)
+    if not usable:
+        return [], np.empty((0, 3)), len(poses)
+    p_flange = probe.flange_T_probe.apply(np.array(centers))
+    p_base = points(arm, np.array([pose.joints for pose in usable]), p_flange)
+    return usable, p_base, len(poses) - len(usable)
+
+
+def _by_place(poses: Sequence[SteadyPose], grouped: Grouped) -> ProbingSet:
+    labels = sorted(
+        (row, number, place_number)
+        for number, location in enumerate(grouped.locations, start=1)
+        for place_number, place in enumerate(location.places, start=1)
+        for row in place.rows
+    )
+    kept = [poses[row] for row, _, _ in labels]
+    return ProbingSet(
+        np.array([number for _, number, _ in labels], dtype=np.int64),
+        np.array([place for _, _, place in labels], dtype=np.int64),
+        np.array([pose.joints for pose in kept]),
+        np.array([pose.displacement for pose in kept]),
+        np.array([pose.stamp for pose in kept], dtype=np.int64),
+        np.array([pose.readings for pose in kept], dtype=np.int64),
+    )
+
+
+def _told_apart(grouped: Grouped) -> list[str]:
+    places = sum(len(location.places) for location in grouped.locations)
+    lines = [f'{len(grouped.locations)} locations of the gauge with {places} spheres told apart']
+    lines += [stray.line() for stray in grouped.strays[:MOST_STRAYS]]
+    rest = grouped.strays[MOST_STRAYS:]
+    if rest:
+        count = sum(len(stray.place.rows) for stray in rest)
+        lines.append(f'{count} poses at {len(rest)} more places left out: they fit no sphere')
+    return lines
+
+
+def _nothing(grouped: Grouped) -> str:
+    """Why no location was found, with the distances of the first place that was left out."""
+    text = f'none of {len(grouped.strays)} places stand to one another as on the certificate'
+    return f'{text}; {grouped.strays[0].line()}' if grouped.strays else text
+
+
+def numbering_of(parts: Sequence[Sorted]) -> Numbering:
+    """The numbers of the spheres of several bags, as far as they can the same in all."""
+    locations = [location for part in parts for location in part.locations]
+    return numbered(locations, parts[0].certificate, parts[0].near)
+
+
+def with_numbers(part: Sorted, numbers: Sequence[tuple[int, ...]]) -> Measurement:
+    """The measurement of a bag whose locations' places have these numbers of the certificate."""
+    poses = part.measured.poses
+    sphere = np.array(
+        [numbers[location - 1][place - 1]
+         for location, place in zip(poses.location, poses.sphere, strict=True)],
+        dtype=np.int64,
+    )  # fmt: skip
+    relabelled = ProbingSet(
+        poses.location, sphere, poses.joints, poses.displacement, poses.stamp, poses.readings
+    )
+    measured = part.measured
+    return Measurement(
+        measured.arm, measured.probe, measured.gauge, relabelled, measured.source
+    ).checked()

@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The two raw streams of a bag, joint states and probe readings, as arrays in time order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib_model import cdr
+from calib_model.bag_reader import Told, read_messages
+from calib_model.errors import BagError
+from calib_model.raw_block import (
+    SECOND,
+    JointBlock,
+    ReadingBlock,
+    Rows,
+    joint_blocks,
+    little_endian,
+    reading_blocks,
+)
+from calib_model.rotation import Array
+from calib_model.topics import (
+    DESCRIPTIONS,
+    DISPLACEMENTS,
+    JOINT_STATE,
+    JOINT_STATES,
+    PROBE_DISPLACEMENTS,
+    STRING,
+)
+
+BLOCK = 20_000  # messages that are decoded together
+STEP_BACK = 1.0  # s: stamps that fall back by more come from an arm that was started anew
+
+
+@dataclass(frozen=True)
+class RawTopics:
+    """Where the streams are, and `joints`, the arm's in its order by the names they have there."""
+
+    joint_states: str = JOINT_STATES.name
+    displacements: str = PROBE_DISPLACEMENTS.name
+    joints: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class RawStreams:
+    """Joints (M, n) in rad at `joint_stamp` (M,), ns, displacements (N, 3) in m and the styli's
+    `status` (N, 3) at `reading_stamp` (N,); both in the stamps' order, no stamp twice.
+
+    `left_out` counts joint states that lack a joint of the arm, `unordered` what came out of order.
+    """
+
+    joint_stamp: Rows
+    joints: Array
+    reading_stamp: Rows
+    displacement: Array
+    status: NDArray[np.uint8]
+    left_out: int = 0
+    unordered: int = 0
+
+    @property
+    def seconds(self) -> float:
+        """From the first joint state to the last."""
+        return float(self.joint_stamp[-1] - self.joint_stamp[0]) / SECOND
+
+
+@dataclass
+class RawBag:
+    """A bag's raw streams as they were recorded, and the texts of its descriptions by topic."""
+
+    path: Path
+    topics: RawTopics
+    texts: dict[str, str] = field(default_factory=dict)
+    _joints: list[JointBlock] = field(default_factory=list)
+    _readings: list[ReadingBlock] = field(default_factory=list)
+
+    def streams(self, names: Sequence[str]) -> RawStreams:
+        """The streams with the joints of these names, in this order.
+
+        Raises:
+            BagError: no joint state has them all, or the streams cannot belong together.
+        """
+        chosen = [block for block in self._joints if set(names) <= set(block.names)]
+        if not chosen:
+            self._refuse_names(names)
+        columns = [[block.names.index(name) for name in names] for block in chosen]
+        q = np.concatenate(
+            [block.position[:, order] for block, order in zip(chosen, columns, strict=True)]
+        )
+        stamp = np.concatenate([block.stamp for block in chosen])
+        finite = np.isfinite(q).all(axis=1)
+        everything = sum(len(block.rows) for block in self._joints)
+        joint_stamp, order = self._ordered(stamp[finite], self.topics.joint_states)
+        read_stamp, read_order = self._ordered(
+            np.concatenate([block.stamp for block in self._readings]), self.topics.displacements
+        )
+        unordered = finite.sum() - len(order) + sum(len(b.rows) for b in self._readings)
+        found = RawStreams(
+            joint_stamp, q[finite][order], read_stamp,
+            np.concatenate([block.displacement for block in self._readings])[read_order],
+            np.concatenate([block.status for block in self._readings])[read_order],
+            everything - int(finite.sum()), int(unordered) - len(read_order),
+        )  # fmt: skip
+        self._refuse_apart(found)
+        return found
+
+    def _ordered(self, stamp: Rows, topic: str) -> tuple[Rows, Rows]:
+        """The stamps in order without those that come twice, and the rows they are in."""
+        if not len(stamp):
+            raise BagError(f"{self.path}: {topic} has no message with all of the arm's joints")
+        if not stamp.any():
+            raise BagError(f'{self.path}: {topic} has no stamps, they are all 0')
+        back = np.maximum.accumulate(stamp) - stamp
+        if back.max() > STEP_BACK * SECOND:
+            raise BagError(
+                f'{self.path}: the stamps of {topic} fall back by {back.max() / SECOND:.3g} s, '
+                'as if the arm had been started anew: record what comes after in a bag of its own'
+            )
+        ordered, rows = np.unique(stamp, return_index=True)
+        return ordered, rows
+
+    def _refuse_names(self, names: Sequence[str]) -> None:
+        seen = list(dict.fromkeys(name for block in self._joints for name in block.names))
+        missing = [name for name in names if name not in seen]
+        if not missing:
+            raise BagError(
+                f'{self.path}: no message on {self.topics.joint_states} has all of the joints '
+                f'{", ".join(names)}'
+            )
+        raise BagError(
+            f'{self.path}: {self.topics.joint_states} has no joint {missing[0]} (it has '
+            f'{", ".join(seen)}): say which are the arm\'s, base first, with --joints'
+        )
+
+    def _refuse_apart(self, found: RawStreams) -> None:
+        first, last = found.joint_stamp[[0, -1]]
+        inside = (found.reading_stamp >= first) & (found.reading_stamp <= last)
+        if not inside.any():
+            away = (found.reading_stamp[0] - first) / SECOND
+            raise BagError(
+                f'{self.path}: no reading falls between the joint states, the first is '
+                f'{away:+.6g} s from theirs: two clocks?'
+            )
+
+
+class _Block:
+    """Messages of one topic on their way to arrays."""
+
+    def __init__(
+        self, path: Path, topic: str, kind: str, decode: Callable[[Sequence[bytes]], Any],
+        into: list[Any],
+    ) -> None:  # fmt: skip
+        self.path, self.topic, self.kind = path, topic, kind
+        self._decode, self._into = decode, into
+        self._waiting: list[bytes] = []
+
+    def add(self, data: bytes) -> None:
+        self._waiting.append(data)
+        if len(self._waiting) >= BLOCK:
+            self.decode()
+
+    def decode(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        try:
+            self._into += self._decode([little_endian(self.kind, data) for data in waiting])
+        except ValueError as error:
+            raise BagError(f'{self.path}: {self.topic}: {error}') from error
+
+
+def read_raw(path: str | Path, topics: RawTopics, told: Told | None = None) -> RawBag:
+    """The raw streams of a bag and what descriptions it has.
+
+    Raises:
+        BagError: no bag, a topic missing or of another type, or a message that cannot be read.
+    """
+    path = Path(path)
+    bag = RawBag(path, topics)
+    blocks = {
+        topics.joint_states: _Block(
+            path, topics.joint_states, JOINT_STATE, lambda m: list(joint_blocks(m)), bag._joints
+        ),
+        topics.displacements: _Block(
+            path, topics.displacements, DISPLACEMENTS, lambda m: list(reading_blocks(m)),
+            bag._readings,
+        ),
+    }  # fmt: skip
+    wanted = {*blocks, *(topic.name for topic in DESCRIPTIONS)}
+    for message in read_messages(path, wanted, told=told):
+        block = blocks.get(message.topic)
+        kind = STRING if block is None else block.kind
+        if message.type != kind:
+            raise BagError(f'{path}: topic {message.topic} has type {message.type}, not {kind}')
+        if block is not None:
+            block.add(message.data)
+        else:
+            bag.texts[message.topic] = _text(path, message.topic, message.data)
+    for block in blocks.values():
+        block.decode()
+    for topic, kind, option, found in (
+        (topics.joint_states, JOINT_STATE, 'joint-states', bag._joints),
+        (topics.displacements, DISPLACEMENTS, 'displacements', bag._readings),
+    ):
+        if not found:
+            raise BagError(f'{path}: {_absent(path, topic, kind, option)}')
+    return bag
+
+
+def _text(path: Path, topic: str, data: bytes) -> str:
+    try:
+        return str(cdr.decode(STRING, data).data)
+    except ValueError as error:
+        raise BagError(f'{path}: {topic}: {error}') from error
+
+
+def _absent(path: Path, topic: str, kind: str, option: str) -> str:
+    """That a topic has no messages, and which others of its type the bag has."""
+    others = sorted({each.topic for each in read_messages(path) if each.type == kind})
+    if not others:
+        return f'no messages on {topic}, nor any other {kind}'
+    return f'no messages on {topic}, but on {", ".join(others)}: say which with --{option}'
