@@ -32,7 +32,8 @@ bench: setup
 	@source ./env.bash && python -m benchmarks.run
 
 # Each writes its table to studies/results; all together take some minutes on 2 cores.
-STUDIES := coverage recovery robustness probe_fit prior pose_choice
+STUDIES := table_1 equation_13 table_2 figure_7 figure_8 figure_9 section_6 pattern \
+  coverage recovery robustness probe_fit prior pose_choice
 
 studies: setup
 	@source ./env.bash && for name in $(STUDIES); do python -m studies.$$name || exit 1; done

@@ -1,2 +1,3 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the suite promises, shown on seeded simulations; each study writes results/NAME.txt."""
+"""The chapter's tables and figures, and what else is promised, shown on seeded simulations; each
+study writes results/NAME.txt."""

@@ -6,11 +6,15 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 RESULTS = Path(__file__).resolve().parent / 'results'
 PROCESSES = 2
@@ -35,21 +39,42 @@ def over_seeds(work: Callable[[Seed], Result], seeds: Iterable[Seed]) -> list[Re
     return found
 
 
-def study(name: str, about: str, count: int, table: Callable[[int], list[str]]) -> None:
+def study(
+    name: str, about: str, count: int, table: Callable[[int], list[str]],
+    draw: Callable[[int], Figure] | None = None, option: str = 'count',
+) -> None:  # fmt: skip
     """Run a study from its command line: the table on stdout and in results/NAME.txt.
 
-    The file is written at the full `count` only, so that a quick look leaves it alone.
+    The file, and results/NAME.png where there is something to `draw`, are written at the default
+    `count` only, so that a quick look leaves them alone; `option` is what else it is a number of.
     """
     parser = argparse.ArgumentParser(prog=f'python -m studies.{name}', description=about)
-    parser.add_argument('--count', type=int, default=count, help='(default: %(default)s)')
-    given = parser.parse_args()
-    lines = [f'$ python -m studies.{name}', '', *about.strip().splitlines(), '']
-    lines += table(given.count)
-    text = '\n'.join(line.rstrip() for line in lines) + '\n'
+    parser.add_argument(f'--{option}', type=int, default=count, help='(default: %(default)s)')
+    given = getattr(parser.parse_args(), option)
+    text = written(name, about, table(given))
     print(text, end='')
-    if given.count == count:
+    if given == count:
         RESULTS.mkdir(exist_ok=True)
         (RESULTS / f'{name}.txt').write_text(text, encoding='utf-8')
+        if draw is not None:
+            # without matplotlib's version in it: the same picture is the same file
+            draw(given).savefig(RESULTS / f'{name}.png', dpi=90, metadata={'Software': None})
+
+
+def written(name: str, about: str, table: Sequence[str]) -> str:
+    """A study as its file has it: the command, what it is about, the lines of its table."""
+    lines = [f'$ python -m studies.{name}', '', *about.strip().splitlines(), '', *table]
+    return '\n'.join(line.rstrip() for line in lines) + '\n'
+
+
+def findings(claims: Sequence[tuple[str, bool]]) -> list[str]:
+    """Lines that say of each claim whether it holds here."""
+    return [f'{"yes" if holds else "NO ":4}{claim}' for claim, holds in claims]
+
+
+def paragraph(text: str) -> list[str]:
+    """Lines of running text."""
+    return textwrap.wrap(text.strip(), 100)
 
 
 def columns(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
