@@ -92,8 +92,32 @@ class ParameterReader:
             self._parameters.flag(
                 'serve', False, 'wait for goals on /capture/run and spheres on /capture/teach'
             ),
-            self._parameters.text('taught', '', _TAUGHT),
+            mode=self._mode(),
+            moving=self._moving(steady.lateness),
+            correct_clock=self._flag('correct_clock', _CORRECT),
+            silence=self._number(
+                'silence', 3.0, 's without a message after which a led capture is over', 0.1, 1e5
+            ),
+            taught=self._parameters.text('taught', '', _TAUGHT),
         )
+
+    def _mode(self) -> str:
+        mode = self._text('mode', PROGRAM, _MODE)
+        if mode not in (PROGRAM, CONTINUOUS):
+            raise ParameterError(
+                f"parameter 'mode': expected {PROGRAM} or {CONTINUOUS}, got {mode!r}"
+            )
+        return mode
+
+    def _moving(self, lateness: float) -> MovingSettings:
+        default = MovingSettings()
+        text = 'rad that the joints of a led arm go, all together, from pose to pose'
+        spacing = self._number('spacing', default.spacing, text, 0.0, 100.0)
+        text = 's at both ends of a contact in which a led arm gives no pose'
+        seated = self._number('seated', default.seated, text, 0.0, 60.0)
+        text = 's between joint states of a led arm that are interpolated across'
+        max_gap = self._number('max_gap', default.max_gap, text, 1e-4, 10.0)
+        return MovingSettings(spacing, seated, max_gap, lateness)
 
     def _program(self) -> ProgramSettings:
         default = ProgramSettings()

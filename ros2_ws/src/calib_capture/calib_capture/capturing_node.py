@@ -96,7 +96,8 @@ class Capturing:
     def _plan(self) -> Program:
         """The program, made beside the graph: whoever asks meanwhile gets an answer."""
         node = self._node
-        planner = node.describe()
+        node.describe()
+        planner = node.planner()
         placements, locations = node.placements, node.asked.locations
         planned = _Beside(lambda: planner.program(placements, locations))
         while planned.is_alive():

@@ -14,14 +14,19 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-from calib_capture.capture_parameters_node import ParameterReader
+from calib_capture.capture_parameters_node import CONTINUOUS, ParameterReader
+from calib_capture.led import LedRun
+from calib_capture.led_note import LedNote
+from calib_capture.led_session import LedSession
 from calib_capture.messages import joint_trajectory, joints_of, qos_of, stamp_of
 from calib_capture.program import Planner, Program
 from calib_capture.recorder import Recorder
 from calib_capture.run import MeasuringRun, RunError
 from calib_capture.session import CaptureSession
+from calib_capture.sphere_finder import SphereFinder
 from calib_capture.trajectory import Trajectory
 from calib_model.bag_account import FileAccount
+from calib_model.clock_offset import ClockEstimate
 from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.pairing import JointSample, Pairing, Reading
 from calib_model.rotation import RigidTransform
@@ -38,13 +43,14 @@ from calib_model.topics import (
 
 T = TypeVar('T')
 TICK = 0.02  # s
+DEEP = 5000  # messages of a led arm that wait while a disk is slow: it does not stop for us
 DESCRIPTIONS = {'arm': ARM_DESCRIPTION, 'probe': PROBE_DESCRIPTION, 'gauge': GAUGE_DESCRIPTION}
 
 
 class CaptureNode(Node):
     """Runs a measuring program on an arm and a probe that it knows by their topics alone.
 
-    Once no descriptions are missing `describe` gives the planner, `listen` takes in the streams;
+    Once no descriptions are missing `describe` reads them, `listen` takes in the streams;
     `begin` starts a session that then lives on messages and timer ticks, `end` leaves it.
     `watch`, when set, sees every joint sample and reading.
     """
@@ -53,7 +59,8 @@ class CaptureNode(Node):
         super().__init__('capture')
         self._texts: dict[str, str] = {}
         self.asked = ParameterReader(self).read()
-        self._session: CaptureSession | None = None
+        self._session: CaptureSession | LedSession | None = None
+        self._early: list[tuple[Callable[[bytes], None], bytes]] = []
         self._sampled = self._read = False
         self._listening = False
         self._joint_names: tuple[str, ...] = ()
@@ -91,13 +98,24 @@ class CaptureNode(Node):
         ]  # fmt: skip
         return ', '.join(missing)
 
-    def describe(self) -> Planner:
-        """A planner for the gathered descriptions."""
+    def describe(self) -> None:
+        """Take arm, probe and gauge from the gathered descriptions."""
         self.arm = self._description('arm', parse_arm)
         self.probe = self._description('probe', parse_probe)
         self.gauge = self._description('gauge', parse_gauge)
         self._joint_names = self.arm.joint_names
+
+    def planner(self) -> Planner:
+        """A planner for what was described.
+
+        Raises:
+            CalibrationError: there is none for such an arm.
+        """
         return Planner(self.arm, self.probe, self.gauge, self.asked.program)
+
+    @property
+    def _led(self) -> bool:
+        return self.asked.mode == CONTINUOUS
 
     @property
     def placements(self) -> dict[int, RigidTransform]:
@@ -114,6 +132,7 @@ class CaptureNode(Node):
             (StylusDisplacements, PROBE_DISPLACEMENTS, self._on_reading),
         ):
             qos = qos_of(topic, best_effort=True)
+            qos.depth = DEEP if self._led else qos.depth
             self.create_subscription(kind, topic.name, take, qos, raw=True)
 
     def missing_streams(self) -> str:
@@ -121,7 +140,7 @@ class CaptureNode(Node):
         missing = []
         if not self._sampled:
             missing.append(f'{JOINT_STATES.name} with {", ".join(self._joint_names)}')
-        if not self._commands.get_subscription_count():
+        if not self._led and not self._commands.get_subscription_count():
             missing.append(f'an arm that listens to {JOINT_TRAJECTORY.name}')
         if not self._read:
             missing.append(PROBE_DISPLACEMENTS.name)
@@ -140,6 +159,29 @@ class CaptureNode(Node):
             self._command, time.monotonic, time.time_ns,
         )  # fmt: skip
         return self._session
+
+    def begin_led(self, earlier: Sequence[FileAccount], noted: LedNote) -> LedSession:
+        """Open the bag, or go on with the files it has, and take in an arm that is led by hand.
+
+        What has come of its streams until now is the first of it.
+        """
+        asked, now = self.asked, time.monotonic
+        recorder = Recorder(
+            asked.output, self.arm, self.probe, self.gauge, self._announce, time.time_ns(),
+            asked.steady, earlier,
+        )  # fmt: skip
+        finder = SphereFinder(self.arm, self.probe, self.gauge, noted.placements, noted.spheres)
+        planned = len(finder.labels) * asked.program.poses_per_sphere
+        session = LedSession(
+            LedRun(finder, noted.settings, planned),
+            ClockEstimate(self.arm, self.probe, self.gauge), recorder, noted,
+            self.arm.base_frame, now, time.time_ns, asked.silence, asked.correct_clock,
+        )  # fmt: skip
+        self._session = session
+        early, self._early = self._early, []
+        for take, raw in early:
+            take(raw)
+        return session
 
     def end(self) -> None:
         """Leave the session: what comes from now on is none of its business."""
@@ -174,10 +216,14 @@ class CaptureNode(Node):
             self.watch(sample)
         if self._session is not None:
             self._session.take_joints(sample, raw)
+        elif self._led and not self.asked.serve:
+            self._early.append((self._on_joints, raw))
 
     def _on_reading(self, raw: bytes) -> None:
         self._read = True
         if self._session is None and self.watch is None:
+            if self._led:
+                self._early.append((self._on_reading, raw))
             return
         message = deserialize_message(raw, StylusDisplacements)
         first, second, third = message.status.tolist()

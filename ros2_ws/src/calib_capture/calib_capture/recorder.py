@@ -44,6 +44,10 @@ class Recorder:
         """Record a message as it came, CDR bytes with their header, received at `time` (ns)."""
         self._bag.write(topic, data, time, time)
 
+    def note(self, name: str, content: dict[str, str]) -> None:
+        """Record what is no message: how it was paired, what was found out."""
+        self._bag.note(name, content)
+
     def pose(self, data: bytes, time: int) -> None:
         """Record an accepted pose, to be announced with the next `commit`."""
         self._bag.write(CAPTURE_POSES, data, time, time)

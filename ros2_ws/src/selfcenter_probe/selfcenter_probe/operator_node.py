@@ -28,6 +28,7 @@ from selfcenter_probe.hand_reading import HandGuided, RawStretch
 from selfcenter_probe.hand_scene import FILES, Scene, read_scene
 from selfcenter_probe.messages import displacements, joint_states, qos_of
 
+SETTLED = 0.3  # s that somebody has listened: both ends know one another by then
 PERIOD = 0.004  # s of the wall clock: how often what is due is published
 
 
@@ -48,6 +49,8 @@ class OperatorParameters:
     motion: MotionSettings
     seed: int
     time_scale: float
+    wait: float
+    clock_offset: int  # ns
 
 
 def read_parameters(node: Any) -> OperatorParameters:
@@ -69,7 +72,13 @@ def read_parameters(node: Any) -> OperatorParameters:
     speed = parameters.number('speed', 1.0, 'rad/s, of all joints together', 0.01, 10.0)
     scale = parameters.number('time_scale', 1.0, 'times as fast as real', 0.01, 100.0)
     motion = MotionSettings(poses, speed, seed)
-    return OperatorParameters(scene, locations, spheres, motion, seed, scale)
+    text = 's to wait at most for somebody who listens to both streams'
+    wait = parameters.number('wait', 0.0, text, 0.0, 3600.0)
+    text = "s by which the stamps of probe readings are behind the joints': two clocks"
+    offset = parameters.number('clock_offset', 0.0, text, -10.0, 10.0)
+    return OperatorParameters(
+        scene, locations, spheres, motion, seed, scale, wait, round(offset * SECOND)
+    )
 
 
 def _numbers(node: Any, name: str, default: list[int], known: list[int]) -> list[int]:
@@ -107,8 +116,12 @@ class OperatorNode(Node):
         self._readings = self.create_publisher(
             StylusDisplacements, PROBE_DISPLACEMENTS.name, qos_of(PROBE_DISPLACEMENTS)
         )
+        self._offset = given.clock_offset
+        self._counts = {self._states: 0, self._readings: 0}
         self._begin = time.time_ns()
         self._wall = time.monotonic_ns()
+        self._heard = self._wall + round(SETTLED * SECOND)
+        self._patience = self._wall + round(given.wait * SECOND)
         self._sent = self._messages(hand, self._begin - hand.motion.seatings[0].begin)
         self._next = next(self._sent, None)
         self._timer = self.create_timer(PERIOD, self._tick)
@@ -129,22 +142,40 @@ class OperatorNode(Node):
         stamps = stretch.stamp + shift
         states = joint_states(stamps, stretch.joints, self._joint_names, frame_of_arm)
         readings = stretch.readings.shifted(shift)
-        read = displacements(readings, frame_of_probe)
+        read = displacements(readings.shifted(-self._offset), frame_of_probe)
         ticks = set(stamps.tolist())
         for stamp in readings.stamp.tolist():
             if stamp in ticks:
                 yield stamp, self._states, next(states)
             yield stamp, self._readings, next(read)
 
+    def _wanted(self) -> bool:
+        """Whether to begin: somebody has been listening for a while, or has not come in time."""
+        if not self._patience:
+            return True
+        wall = time.monotonic_ns()
+        if not all(publisher.get_subscription_count() for publisher in self._counts):
+            self._heard = wall + round(SETTLED * SECOND)
+        if wall < min(self._heard, self._patience):
+            return False
+        self._wall, self._patience = wall, 0
+        return True
+
     def _tick(self) -> None:
+        if not self._wanted():
+            return
         now = self._begin + round((time.monotonic_ns() - self._wall) * self._scale)
         while self._next is not None and self._next[0] <= now:
             _, publisher, message = self._next
             publisher.publish(message)
+            self._counts[publisher] += 1
             self._next = next(self._sent, None)
         if self._next is None:
             self._timer.cancel()
-            self.get_logger().info('every sphere has been probed')
+            states, readings = self._counts.values()
+            self.get_logger().info(
+                f'every sphere has been probed: {states} joint states, {readings} readings'
+            )
 
     def _latch(self, topic: Topic, text: str) -> Publisher:
         publisher = self.create_publisher(String, topic.name, qos_of(topic))

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a capture of a led arm was paired with, as its bag keeps it, and what its clocks told."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+
+from calib_capture.moving import MovingSettings
+from calib_model.clock_offset import ClockOffset
+from calib_model.errors import BagError
+from calib_model.placement import parse_placements, placements_yaml
+from calib_model.rotation import RigidTransform
+
+LED_NOTE = 'calib_capture led'
+CLOCK_NOTE = 'calib_capture clock'
+
+
+@dataclass(frozen=True)
+class LedNote:
+    """Settings, `T_base_gauge` by location, sphere numbers (empty: all), and the shift in ns."""
+
+    settings: MovingSettings
+    placements: dict[int, RigidTransform]
+    spheres: tuple[int, ...] = ()
+    shift: int = 0
+
+    def content(self) -> dict[str, str]:
+        """As a bag keeps it; every number comes back bit for bit."""
+        numbers = {key: repr(value) for key, value in asdict(self.settings).items()}
+        return {
+            **numbers, 'shift': str(self.shift), 'spheres': ' '.join(map(str, self.spheres)),
+            'placements': placements_yaml(self.placements),
+        }  # fmt: skip
+
+    @staticmethod
+    def read(note: Mapping[str, str], source: str) -> LedNote | None:
+        """What a bag's note says; None when there is none.
+
+        Raises:
+            BagError: it says something that is no number.
+            DescriptionError: its placements cannot be used.
+        """
+        if not note:
+            return None
+        try:
+            given = {each.name: float(note[each.name]) for each in fields(MovingSettings)}
+            spheres = tuple(int(number) for number in note['spheres'].split())
+            shift, places = int(note['shift']), note['placements']
+        except (KeyError, ValueError) as error:
+            raise BagError(f'{source}: {LED_NOTE}: {error}') from error
+        return LedNote(MovingSettings(**given), parse_placements(places, source), spheres, shift)
+
+
+def clock_content(found: ClockOffset | None, shift: int) -> dict[str, str]:
+    """What the clocks told, and by how much readings were shifted (ns), as a bag keeps it."""
+    content = {'shift': str(shift)}
+    if found is not None:
+        content['offset'] = repr(found.seconds)
+        content['standard_uncertainty'] = repr(found.standard_uncertainty)
+        content['readings'] = str(found.readings)
+    return content
+
+
+def clock_line(found: ClockOffset | None, shift: int) -> str:
+    """The same in words."""
+    line = found.line() if found is not None else 'clock offset: not enough motion in contact'
+    return f'{line}, corrected by {shift * 1e-6:+.2f} ms' if shift else line

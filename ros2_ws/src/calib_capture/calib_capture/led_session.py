@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One capture of an arm that is led by hand, from streams to bag. Commands nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from calib_capture.led import LedRun, LedTally
+from calib_capture.led_note import CLOCK_NOTE, LED_NOTE, LedNote, clock_content, clock_line
+from calib_capture.moving import MovingPairing, PairedReading
+from calib_capture.recorder import Recorder
+from calib_model import cdr
+from calib_model.clock_offset import ClockEstimate
+from calib_model.pairing import SECOND, JointSample, Reading
+from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
+
+SAVE_WITHIN = 0.2  # s: accepted poses that come closer together share a flush
+ENOUGH = 24  # stretches of contact, and a standard uncertainty of
+WELL_KNOWN = 1e-4  # s: then readings are corrected
+LOOK = 1.0  # s between two looks at the offset while it is waited for
+CLOCKS_APART = SECOND  # ns between the newest stamps of both streams that are worth a word
+
+
+class LedSession:
+    """Feeds both streams to the pairing, the clock's estimate and the bag.
+
+    With `correct` all pairing waits until the offset between the clocks is known; the raw streams
+    are recorded meanwhile. `note` says how to pair, `clock` gives seconds, `wall` ns for the bag.
+    It has finished after `silence` s without a message.
+    """
+
+    def __init__(
+        self, run: LedRun, estimate: ClockEstimate, recorder: Recorder, note: LedNote, frame: str,
+        clock: Callable[[], float], wall: Callable[[], int], silence: float, correct: bool = False,
+    ) -> None:  # fmt: skip
+        self.run = run
+        self.recorder = recorder
+        self.shift = note.shift
+        self._estimate = estimate
+        self._note, self._frame = note, frame
+        self._clock, self._wall, self._silence = clock, wall, silence
+        self._pairing: MovingPairing | None = None
+        self._held: list[JointSample | Reading] = []
+        self._paired: list[PairedReading] = []
+        self._saved = self._heard = self._looked = clock()
+        self._newest = [0, 0]
+        self._clock_line = ''
+        if not correct or note.shift:
+            self._pair_with(note.shift)
+
+    @property
+    def finished(self) -> bool:
+        """Whether both streams have ended."""
+        return self._clock() - self._heard > self._silence
+
+    @property
+    def tally(self) -> LedTally:
+        """How it is going."""
+        return self.run.tally
+
+    def take_joints(self, sample: JointSample, raw: bytes) -> None:
+        """A joint state has come; `raw` are its CDR bytes."""
+        self.recorder.raw(JOINT_STATES, raw, self._wall())
+        self._estimate.see_joints(sample)
+        self._newest[0] = sample.stamp
+        self._take(sample)
+
+    def take_reading(self, reading: Reading, raw: bytes) -> None:
+        """A probe reading has come; `raw` are its CDR bytes."""
+        self.recorder.raw(PROBE_DISPLACEMENTS, raw, self._wall())
+        self._estimate.see_reading(reading)
+        self._newest[1] = reading.stamp
+        self._take(reading)
+
+    def tick(self) -> None:
+        """Do what is due without a message: correct, take poses, save."""
+        now = self._clock()
+        if self._pairing is None and now - self._looked > LOOK:
+            self._looked = now
+            found = self._estimate.estimate() if self._estimate.chunks >= ENOUGH else None
+            if found is not None and found.standard_uncertainty <= WELL_KNOWN:
+                self._pair_with(round(found.seconds * SECOND))
+        self._choose()
+        if now - self._saved > SAVE_WITHIN:
+            self.recorder.commit()
+            self._saved = now
+
+    def finish(self) -> None:
+        """Settle what is there; no more messages are coming."""
+        if self._pairing is None:
+            self._pair_with(0)
+        assert self._pairing is not None
+        self._paired += self._pairing.finish()
+        self._choose()
+        self._estimate.finish()
+        found = self._estimate.estimate()
+        self.recorder.note(CLOCK_NOTE, clock_content(found, self.shift))
+        self._clock_line = clock_line(found, self.shift)
+        self.recorder.commit()
+
+    def remarks(self) -> str:
+        """What there is to say at the end, beside the counts."""
+        late = self._pairing.late_joints if self._pairing is not None else 0
+        parts = [f'{late} joint states out of order'] if late else []
+        apart = self._newest[1] - self._newest[0]
+        if min(self._newest) and abs(apart) > CLOCKS_APART:
+            parts.append(
+                f'the stamps of readings are {apart / SECOND:+.1f} s from those of joint states: '
+                'do their clocks agree?'
+            )
+        return '; '.join([*parts, self._clock_line])
+
+    def _pair_with(self, shift: int) -> None:
+        """Pair from now on, and what was held back, with readings `shift` ns later."""
+        self.shift = shift
+        self._pairing = MovingPairing(self._note.settings, shift)
+        note = self._note
+        as_paired = LedNote(note.settings, note.placements, note.spheres, shift)
+        self.recorder.note(LED_NOTE, as_paired.content())
+        held, self._held = self._held, []
+        for message in held:
+            self._take(message)
+
+    def _take(self, message: JointSample | Reading) -> None:
+        self._heard = self._clock()
+        if self._pairing is None:
+            self._held.append(message)
+        elif isinstance(message, Reading):
+            self._paired += self._pairing.add_reading(message)
+        else:
+            self._paired += self._pairing.add_joints(message)
+
+    def _choose(self) -> None:
+        paired, self._paired = self._paired, []
+        for pose in self.run.take(paired):
+            message = cdr.probing_pose(
+                pose.stamp, self._frame, pose.location, pose.sphere, pose.joints,
+                pose.displacement, 1,
+            )  # fmt: skip
+            self.recorder.pose(cdr.encode(message), self._wall())
