@@ -147,8 +147,8 @@ class _Disk:
             raise BagError(f'{self.path}: cannot be written: {error.strerror}') from error
 
 
-def write_whole(path: str | Path, text: str) -> None:
-    """Write a text file whole or not at all.
+def write_whole(path: str | Path, text: str | bytes) -> None:
+    """Write a text file (UTF-8, or the bytes given) whole or not at all.
 
     Raises:
         OSError: it could not be written; what was there before is still there.
@@ -156,8 +156,8 @@ def write_whole(path: str | Path, text: str) -> None:
     path = Path(path)
     part = path.with_name(f'.{path.name}.{os.getpid()}.part')
     try:
-        with part.open('w', encoding='utf-8') as stream:
-            stream.write(text)
+        with part.open('wb') as stream:
+            stream.write(text.encode() if isinstance(text, str) else text)
             stream.flush()
             os.fsync(stream.fileno())
         part.replace(path)

@@ -25,27 +25,32 @@ def arm_urdf(arm: Arm, radius: float = 0.03) -> str:
     """
     robot = ElementTree.Element('robot', name=arm.name)
     links = [arm.base_frame, *_link_names(arm), arm.flange_frame]
-    before = [_before_turn(arm, i) for i in range(arm.n)]
-    offsets = [*before, _after_turn(arm.joints[-1]) @ arm.dh_T_flange.matrix()]
+    offsets = rigid_parts(arm)
     for name, to_next in zip(links, [*offsets, None], strict=True):
         link = ElementTree.SubElement(robot, 'link', name=name)
         if to_next is not None and radius > 0:
             _draw(link, to_next[:3, 3], radius)
     for i, joint in enumerate(arm.joints):
-        element = _joint(robot, joint.name, 'revolute', links[i], links[i + 1], before[i])
+        element = _joint(robot, joint.name, 'revolute', links[i], links[i + 1], offsets[i])
         ElementTree.SubElement(element, 'axis', xyz=f'0 0 {joint.direction}')
         lower, upper = joint.limits
         ElementTree.SubElement(
             element, 'limit',
-            lower=_text([lower if np.isfinite(lower) else -FAR]),
-            upper=_text([upper if np.isfinite(upper) else FAR]),
-            velocity=_text([joint.velocity if np.isfinite(joint.velocity) else FAST]),
-            effort=_text([EFFORT]),
+            lower=number_text([lower if np.isfinite(lower) else -FAR]),
+            upper=number_text([upper if np.isfinite(upper) else FAR]),
+            velocity=number_text([joint.velocity if np.isfinite(joint.velocity) else FAST]),
+            effort=number_text([EFFORT]),
         )  # fmt: skip
     mount = _unused(f'{arm.flange_frame}_mount', arm.joint_names)
     _joint(robot, mount, 'fixed', links[-2], links[-1], offsets[-1])
     ElementTree.indent(robot)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding='unicode') + '\n'
+
+
+def rigid_parts(arm: Arm) -> list[Array]:
+    """What is rigid between an arm's turns Rz(direction * q): n + 1 matrices (4, 4), base first."""
+    before = [_before_turn(arm, i) for i in range(arm.n)]
+    return [*before, _after_turn(arm.joints[-1]) @ arm.dh_T_flange.matrix()]
 
 
 def rpy(rotation: Array) -> Array:
@@ -106,7 +111,7 @@ def _joint(
 
 def _origin(parent: ElementTree.Element, offset: Array) -> None:
     ElementTree.SubElement(
-        parent, 'origin', xyz=_text(offset[:3, 3]), rpy=_text(rpy(offset[:3, :3]))
+        parent, 'origin', xyz=number_text(offset[:3, 3]), rpy=number_text(rpy(offset[:3, :3]))
     )
 
 
@@ -122,8 +127,10 @@ def _draw(link: ElementTree.Element, to_next: Array, radius: float) -> None:
     visual = ElementTree.SubElement(link, 'visual')
     _origin(visual, placed)
     geometry = ElementTree.SubElement(visual, 'geometry')
-    ElementTree.SubElement(geometry, 'cylinder', radius=_text([radius]), length=_text([length]))
+    size = {'radius': number_text([radius]), 'length': number_text([length])}
+    ElementTree.SubElement(geometry, 'cylinder', size)
 
 
-def _text(numbers: Array | list[float]) -> str:
+def number_text(numbers: Array | list[float]) -> str:
+    """Numbers as URDF lists them, with all their digits."""
     return ' '.join(repr(float(number)) for number in numbers)
