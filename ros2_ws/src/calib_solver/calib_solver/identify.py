@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 
+from calib_model.arm_from_urdf import read_urdf
 from calib_model.command import CommandParser, UsageError, run_command
 from calib_model.progress import Progress
 from calib_solver.identification import Options
@@ -15,6 +16,7 @@ from calib_solver.objectives import OBJECTIVES
 from calib_solver.prior import chosen_prior
 from calib_solver.resampling import Plan
 from calib_solver.summary import summary
+from calib_solver.user_urdf import write_corrected_urdf
 
 ABOUT = """\
 Identify the Denavit-Hartenberg parameters of an arm, and where the probe sits on its flange,
@@ -61,6 +63,12 @@ def arguments() -> CommandParser:
     )
     parser.add_argument(
         '--gauge', default='', metavar='YAML', help="use this certificate, not the bag's"
+    )
+    parser.add_argument(
+        '--urdf',
+        default='',
+        metavar='FILE',
+        help="write the user's own URDF with corrected joint origins, robot.urdf, to --output too",
     )
     parser.add_argument(
         '--fix',
@@ -133,6 +141,9 @@ def run(argv: Sequence[str] | None = None) -> Calibration:
     given = arguments().parse_args(argv)
     if given.figures and not given.output:
         raise UsageError('--figures needs --output DIR, where they are drawn')
+    if given.urdf and not given.output:
+        raise UsageError('--urdf needs --output DIR, where robot.urdf is written')
+    urdf = read_urdf(given.urdf) if given.urdf else b''
     options = Options(
         given.objective,
         tuple(given.fix),
@@ -151,6 +162,11 @@ def run(argv: Sequence[str] | None = None) -> Calibration:
 
         drawn = save_figures(finished.done, given.output)
         finished = replace(finished, written=(*finished.written, *drawn))
+    if given.urdf:
+        path = write_corrected_urdf(
+            given.output, urdf, finished.done.problem.measured.arm, finished.done.arm, given.urdf
+        )
+        finished = replace(finished, written=(*finished.written, path))
     return finished
 
 
