@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calib_capture.program import Planner, ProgramSettings
+from calib_capture.planner import Planner
+from calib_capture.program import ProgramSettings
 from calib_model.bag import write_measurement
 from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.placement import parse_placements
@@ -32,7 +33,7 @@ def main() -> None:
     gauge = read_description(CONFIG / 'gauges/ball_bar_kr5.yaml', parse_gauge)
     placements = read_description(CONFIG / 'locations/kr5.yaml', parse_placements)
     magnitudes = read_description(SOURCE / 'selfcenter_probe/config/world.yaml', parse_magnitudes)
-    settings = ProgramSettings(poses_per_sphere=POSES, seed=SEED)
+    settings = ProgramSettings(poses_per_sphere=POSES, pool=1, seed=SEED)
     program = Planner(arm, probe, gauge, settings).program(placements)
     generator = np.random.default_rng(SEED)
     world = World.drawn(arm, probe, gauge, placements, magnitudes.without_noise(), generator)

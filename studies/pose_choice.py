@@ -11,7 +11,8 @@ import numpy as np
 
 from calib_capture.candidates import branch_names, joints_of
 from calib_capture.choice import Indices, Pool, Telling, choose, information_of, log_det
-from calib_capture.program import Draft, Planner, ProgramSettings
+from calib_capture.planner import Draft, Planner
+from calib_capture.program import ProgramSettings
 from calib_model.probing import Measurement, ProbingSet
 from calib_model.rotation import Array
 from calib_solver.identification import identify

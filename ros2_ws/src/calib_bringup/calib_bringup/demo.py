@@ -78,7 +78,7 @@ class Demo:
             for name, (locations, spheres) in CAPTURES.items():
                 options = {
                     'locations': list(locations), 'spheres': list(spheres), 'seed': self.seed,
-                    'poses_per_sphere': self.poses, 'output': name,
+                    'poses_per_sphere': self.poses, 'pool': 1, 'output': name,
                 }  # fmt: skip
                 module = 'calib_capture.capture_node'
                 capture = self._start(children, f'capture_{name}', module, options, shown=True)

@@ -2,8 +2,9 @@
 """How much room arm, probe and gauge take: capsules and spheres, plain data.
 
 An arm's description says where its axes are, not how thick its links are. Each of its D-H lengths
-becomes a capsule; where no radii are given they are taken from the arm's reach, from 6 % of it at
-the base to 3 % at the flange, which encloses the KR 5 and the LBR iiwa but for their corners.
+becomes a capsule; where no radii are given they are assumed from the arm's reach, from 6 % of it
+at the base to 3 % at the flange. Real links can be thicker, and beside their axes: give a file of
+sizes before a real arm moves, as `config/bodies/kr5.yaml` of calib_bringup.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 
 from calib_model.arm import Arm
 from calib_model.errors import CalibrationError
-from calib_model.fields import load_mapping
+from calib_model.fields import Fields, load_mapping
 from calib_model.gauge import Gauge
 from calib_model.probe import ActiveProbe, Probe
 from calib_model.rotation import Array, frozen
@@ -33,14 +34,17 @@ class BodySettings:
     """Sizes in m.
 
     `link_radii`: of the arm's D-H lengths in order (d1, a1, d2, a2, ..., those that are zero left
-    out), empty for the rule above. The probe: a housing from the flange on, its rounded front
-    `housing_gap` behind the middle of the sphere; three styli as rods of `stylus_length` beyond
-    their tips. The gauge: a rod whose axis runs `rod_drop` below the centres (against the gauge's
-    z; 0 is a rod through them) and `rod_overhang` beyond the last of them. `floor`: height of a
-    plane in the base frame, None for none. Bodies keep `clearance` from one another.
+    out), empty for the rule above. `link_offsets`: how far they are beside these lengths, along the
+    axis of the joint that turns them, empty for not at all. The probe: a housing from the flange
+    on, its rounded front `housing_gap` behind the middle of the sphere; three styli as rods of
+    `stylus_length` beyond their tips. The gauge: a rod whose axis runs `rod_drop` below the
+    centres (against the gauge's z; 0 is a rod through them) and `rod_overhang` beyond the last of
+    them. `floor`: height of a plane in the base frame, 0 where the arm is mounted, None for none.
+    Bodies keep `clearance` from one another.
     """
 
     link_radii: tuple[float, ...] = ()
+    link_offsets: tuple[float, ...] = ()
     housing_radius: float = 0.030
     housing_gap: float = 0.020
     stylus_radius: float = 0.003
@@ -48,7 +52,7 @@ class BodySettings:
     rod_radius: float = 0.010
     rod_drop: float = 0.030
     rod_overhang: float = 0.020
-    floor: float | None = None
+    floor: float | None = 0.0
     clearance: float = 0.002
 
 
@@ -113,14 +117,18 @@ def _links(arm: Arm, settings: BodySettings) -> tuple[Body, ...]:
     if not radii:
         reach = sum(float(np.linalg.norm(end - start)) for _, _, start, end in segments)
         radii = tuple(np.linspace(THICKEST * reach, THINNEST * reach, len(segments)).tolist())
-    if len(radii) != len(segments):
-        names = ', '.join(name for name, *_ in segments)
-        raise BodyError(
-            f'{arm.name}: expected {len(segments)} link radii ({names}), got {len(radii)}'
-        )
+    offsets = settings.link_offsets or (0.0,) * len(segments)
+    for what, given in (('radii', radii), ('offsets', offsets)):
+        if len(given) != len(segments):
+            names = ', '.join(name for name, *_ in segments)
+            raise BodyError(
+                f'{arm.name}: expected {len(segments)} link {what} ({names}), got {len(given)}'
+            )
     return tuple(
-        Body(name, 'arm', joint, frozen(start), frozen(end), radius)
-        for (name, joint, start, end), radius in zip(segments, radii, strict=True)
+        Body(name, 'arm', joint, frozen(start + aside), frozen(end + aside), radius)
+        for (name, joint, start, end), radius, aside in zip(
+            segments, radii, np.outer(offsets, (0.0, 0.0, 1.0)), strict=True
+        )
     )
 
 
@@ -220,16 +228,22 @@ def parse_bodies(text: str, source: str = 'bodies') -> BodySettings:
     top = load_mapping(text, source, names)
     sizes: dict[str, float] = {}
     for name in names:
-        if name in ('link_radii', 'floor') or name not in top:
+        if name in ('link_radii', 'link_offsets', 'floor') or name not in top:
             continue
         sizes[name] = top.number(name)
         if sizes[name] < 0:
             raise top.refuse(name, 'expected a length, not a negative number')
-    radii: tuple[float, ...] = default.link_radii
-    if 'link_radii' in top:
-        given = top.content['link_radii']
-        radii = top.numbers('link_radii', len(given) if isinstance(given, list) else 1)
-        if not all(radius > 0 for radius in radii):
-            raise top.refuse('link_radii', 'expected radii above zero')
-    floor = top.number('floor') if top.content.get('floor') is not None else None
-    return BodySettings(link_radii=radii, floor=floor, **sizes)
+    radii, offsets = _each_link(top, 'link_radii'), _each_link(top, 'link_offsets')
+    if not all(radius > 0 for radius in radii):
+        raise top.refuse('link_radii', 'expected radii above zero')
+    floor = default.floor
+    if 'floor' in top:
+        floor = None if top.content['floor'] is None else top.number('floor')
+    return BodySettings(link_radii=radii, link_offsets=offsets, floor=floor, **sizes)
+
+
+def _each_link(top: Fields, name: str) -> tuple[float, ...]:
+    if name not in top:
+        return ()
+    given = top.content[name]
+    return top.numbers(name, len(given) if isinstance(given, list) else 1)

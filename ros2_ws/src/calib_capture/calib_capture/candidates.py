@@ -14,6 +14,7 @@ from calib_capture.bodies import BodySettings, bodies_of
 from calib_capture.collision import CollisionCheck
 from calib_capture.inverse import InverseKinematics
 from calib_capture.pinocchio_arm import PinocchioArm
+from calib_capture.ways import Ways
 from calib_model.arm import Arm
 from calib_model.gauge import Gauge
 from calib_model.kinematics import joint_frames
@@ -26,6 +27,8 @@ LIMITS = 'joint limits'
 SINGULAR = 'near a singularity'
 NO_WAY_BACK = 'no straight way back'
 ON_THE_WAY = ' on the way'
+BETWEEN = 'something touches on the way'
+NO_FREE_WAY = 'no free way to it'
 HOPELESS = 300  # hands in vain after which a sphere counts as out of reach
 
 
@@ -60,6 +63,11 @@ class Candidate:
     postures: Array
     way: Array
     p_probe_sphere: Array
+
+    @property
+    def ends(self) -> Array:
+        """Where it is left to (K, n)."""
+        return self.postures + self.way[-1] if len(self.way) else self.postures
 
 
 @dataclass
@@ -97,11 +105,14 @@ class Finder:
         self._size = float(np.abs(arm.geometry[[0, 2]]).sum())
         self._R_flange_probe = probe.flange_T_probe.rotation
         self._collision: CollisionCheck | None = None
+        bodies = None
         if reach.bodies is not None:
-            self._collision = CollisionCheck(arm, bodies_of(arm, probe, gauge, reach.bodies))
+            bodies = bodies_of(arm, probe, gauge, reach.bodies)
+            self._collision = CollisionCheck(arm, bodies)
+        self.ways = Ways(arm, self._collision, bodies, reach.limit_margin)
 
-    def put_gauge(self, T_base_gauge: RigidTransform, sphere: int) -> None:
-        """Where the gauge stands from now on and which of its spheres is probed."""
+    def put_gauge(self, T_base_gauge: RigidTransform, sphere: int = -1) -> None:
+        """Where the gauge stands from now on and which of its spheres is probed, if any."""
         if self._collision is not None:
             self._collision.put_gauge(T_base_gauge, sphere)
 
@@ -153,12 +164,34 @@ class Finder:
         way = path - q
         if not self._ways_within_limits(turned, way).any():
             return way, LIMITS + ON_THE_WAY
-        contacts = (self._contact(posture) for posture in path)
-        met = next((contact for contact in contacts if contact), '')
-        return way, met and met + ON_THE_WAY
+        return way, self._met(np.vstack([q, path]))
 
-    def _contact(self, q: Array) -> str:
-        return self._collision.contact(q) if self._collision is not None else ''
+    def _met(self, path: Array) -> str:
+        """What touches on the way back (S + 1, n), and from its end on the probed sphere too."""
+        contacts = (self._contact(posture) for posture in path[1:])
+        met = next((contact for contact in contacts if contact), '') or self._contact(
+            path[-1], seated=False
+        )
+        if met:
+            return met + ON_THE_WAY
+        pairs = zip(path, path[1:], strict=False)
+        free = all(self.ways.free(here, there, seated=True) for here, there in pairs)
+        return '' if free else BETWEEN
+
+    def way_from(self, start: Array, goal: Array) -> Array | None:
+        """Postures (K, n) to go by from `start` to `goal`; an arm that stands at a sphere leaves
+        it along the probe's axis first. None when no free way is found."""
+        if self.ways.clear(start):
+            return self.ways.between(start, goal)
+        back = -(self._model.flange_pose(start)[:3, :3] @ self._R_flange_probe)[:, 2]
+        path = retreat(self._model, start, back, self._reach.approach)
+        if path is None:
+            return None
+        between = self.ways.between(path[-1], goal)
+        return None if between is None else np.vstack([path, between])
+
+    def _contact(self, q: Array, seated: bool = True) -> str:
+        return self._collision.contact(q, seated) if self._collision is not None else ''
 
     def _within_limits(self, q: Array) -> Array:
         return q[self.arm.within_limits(q, self._reach.limit_margin)]

@@ -193,6 +193,7 @@ def _improve(
 ) -> None:
     """Exchange poses of one location's spheres, the other locations as they are."""
     others = [i for i in range(len(pools)) if i not in members]
+    members = [i for i in members if len(chosen[i])]  # of others nothing tells where they are
     outside = information_of(
         telling, [pools[i] for i in others], [chosen[i] for i in others]
     )

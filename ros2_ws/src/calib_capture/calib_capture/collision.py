@@ -28,6 +28,8 @@ class CollisionCheck:
         for request in self._data.collisionRequests:
             request.security_margin = bodies.settings.clearance
         self._local = [_placement(body) for body in bodies.gauge]
+        self._seats: list[int] = []  # pairs of a stylus and the probed sphere
+        self._seated = False
 
     def _add(self, body: Body) -> int:
         length = float(np.linalg.norm(body.end - body.start))
@@ -64,20 +66,43 @@ class CollisionCheck:
         place = pinocchio.SE3(T_base_gauge.matrix())
         for index, local in zip(self._gauge, self._local, strict=True):
             self._geometry.geometryObjects[index].placement = place * local
-        for pair, (one, other) in enumerate(self._kinds):
-            if one.stylus and other is not None and other.kind == 'sphere':
-                if other.sphere == probed:
+        self._seat(False)
+        self._seats = [
+            pair for pair, (one, other) in enumerate(self._kinds)
+            if one.stylus and other is not None and other.sphere == probed and probed >= 0
+        ]  # fmt: skip
+
+    def _seat(self, seated: bool) -> None:
+        """Whether the styli may touch the probed sphere from now on."""
+        if seated != self._seated:
+            self._seated = seated
+            for pair in self._seats:
+                if seated:
                     self._data.deactivateCollisionPair(pair)
                 else:
                     self._data.activateCollisionPair(pair)
 
-    def contact(self, q: Array) -> str:
-        """What touches in posture q (n,), as `probe touches rod`; empty when nothing does."""
-        touching = pinocchio.computeCollisions(
+    def touches(self, q: Array, seated: bool = True) -> bool:
+        """Whether anything touches in posture q (n,); `seated`: but for styli and probed sphere."""
+        self._seat(seated)
+        touching: bool = pinocchio.computeCollisions(
             self._arm.model, self._arm.data, self._geometry, self._data,
             np.ascontiguousarray(q, dtype=np.float64), True,
         )  # fmt: skip
-        if not touching:
+        return touching
+
+    def gap(self, q: Array, seated: bool = True) -> float:
+        """How far apart (m) what comes nearest to one another is, negative where it overlaps."""
+        self._seat(seated)
+        nearest = pinocchio.computeDistances(
+            self._arm.model, self._arm.data, self._geometry, self._data,
+            np.ascontiguousarray(q, dtype=np.float64),
+        )  # fmt: skip
+        return float(self._data.distanceResults[nearest].min_distance)
+
+    def contact(self, q: Array, seated: bool = True) -> str:
+        """What touches in posture q (n,), as `probe touches rod`; empty when nothing does."""
+        if not self.touches(q, seated):
             return ''
         active = self._data.activeCollisionPairs
         for pair, (one, other) in enumerate(self._kinds):

@@ -19,7 +19,8 @@ from calib_capture.led import LedRun
 from calib_capture.led_note import LedNote
 from calib_capture.led_session import LedSession
 from calib_capture.messages import joint_trajectory, joints_of, qos_of, stamp_of
-from calib_capture.program import Planner, Program
+from calib_capture.planner import Planner
+from calib_capture.program import Program
 from calib_capture.recorder import Recorder
 from calib_capture.run import MeasuringRun, RunError
 from calib_capture.session import CaptureSession

@@ -12,7 +12,8 @@ import numpy as np
 from calib_capture.bodies import BodySettings, parse_bodies
 from calib_capture.configuration import FILES, configured
 from calib_capture.inspection import program_text
-from calib_capture.program import Planner, Program, ProgramSettings
+from calib_capture.planner import Planner
+from calib_capture.program import Program, ProgramSettings
 from calib_model.command import CommandParser, UsageError, run_command
 from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.placement import parse_placements

@@ -17,6 +17,7 @@ from calib_model.pairing import SECOND, Outcome, Reason, Refusal, SteadyPose
 from calib_model.rotation import Array
 
 NO_ANSWER = 'no answer'
+NO_FREE_WAY = 'no free way'
 #: what the sphere's place decides comes out the same when tried again, the rest may not
 WORTH_ANOTHER_TRY = (
     Reason.NO_READINGS, Reason.JOINTS_MISSING, Reason.ARM_UNSTEADY, Reason.STYLI_UNSTEADY,
@@ -35,7 +36,8 @@ class RunError(CalibrationError):
 class RunSettings:
     """How poses are commanded: `batch` at a time, each held for `hold` s.
 
-    `speed` is the share of the joints' largest speeds at which the arm goes from pose to pose.
+    `speed` is the share of the joints' largest speeds at which the arm goes from pose to pose,
+    `approach_speed` (m/s) how fast it comes to a sphere and leaves it along the probe's axis.
 
     `answer_timeout` (s of the wall clock) after the last sign of life the poses of a batch that
     have no outcome get none; `give_up` (s) without any accepted or refused pose ends the run.
@@ -45,6 +47,7 @@ class RunSettings:
     batch: int = 7
     hold: float = 0.06
     speed: float = 0.3
+    approach_speed: float = 0.1
     answer_timeout: float = 3.0
     give_up: float = 30.0
     tolerance: float = 2e-3
@@ -81,6 +84,37 @@ class Tally:
         return f'{self.taken} poses taken, {refused} refused{why}'
 
 
+class _Leg:
+    """A trajectory in the making, from posture `here` on, at joint speeds (n,) in rad/s."""
+
+    def __init__(self, here: Array, velocity: Array) -> None:
+        self.here = here
+        self.seconds: list[float] = []
+        self.positions: list[Array] = []
+        self._velocity = velocity
+        self._now = 0.0
+
+    def to(self, posture: Array, slowest: float = SHORTEST_MOVE) -> None:
+        """On to a posture (n,), in `slowest` s or what the joints need."""
+        self._now += max(float(travel_time(self.here, posture[None], self._velocity)[0]), slowest)
+        self._append(posture)
+
+    def along(self, postures: Array, seconds: float) -> None:
+        """By all of some postures (K, n), in so many seconds or what the joints need."""
+        for posture in postures:
+            self.to(posture, max(seconds, SHORTEST_MOVE) / len(postures))
+
+    def rest(self, seconds: float) -> None:
+        """Stay."""
+        self._now += seconds
+        self._append(self.here)
+
+    def _append(self, posture: Array) -> None:
+        self.seconds.append(self._now)
+        self.positions.append(posture)
+        self.here = posture
+
+
 class MeasuringRun:
     """Commands the poses of a program batch by batch and matches the outcomes to them.
 
@@ -94,6 +128,7 @@ class MeasuringRun:
     ) -> None:
         self.settings = settings
         self.tally = Tally(len(program.poses))
+        self._way_to = program.way_to
         self._spares = {(plan.location, plan.sphere): list(plan.spares) for plan in program.spheres}
         self._arm = arm
         self._todo = deque[tuple[PlannedPose, int]]((pose, 1) for pose in program.poses)
@@ -121,13 +156,24 @@ class MeasuringRun:
         """The next batch as a trajectory, None while the arm is busy with the last one."""
         if not self._todo or not self._free():
             return None
-        count = min(self.settings.batch, len(self._todo))
-        batch = [self._todo.popleft() for _ in range(count)]
-        self._open += batch
-        self._goal = batch[-1][0].joints
+        assert self._here is not None
+        leg = _Leg(self._here, self.settings.speed * self._arm.velocity)
+        self._step_aside(leg)
+        left = self.settings.batch
+        while self._todo and left:
+            pose, attempt = self._todo.popleft()
+            if not self._go_to(leg, pose):
+                self._refuse(pose, NO_FREE_WAY)
+                continue
+            self._open.append((pose, attempt))
+            self._last = pose
+            left -= 1
+        if not leg.seconds or self._last is None:
+            return None
+        self._goal = self._last.joints
         self._left = False
         self._sign_of_life = now
-        return self._way([pose for pose, _ in batch])
+        return Trajectory(np.array(leg.seconds), np.array(leg.positions))
 
     def _free(self) -> bool:
         if self._here is None:
@@ -138,33 +184,44 @@ class MeasuringRun:
         held = self._held >= self.settings.hold - STAMP_STEP
         return bool(there) and self._left and held and len(self._open) <= self.settings.batch
 
-    def _way(self, poses: list[PlannedPose]) -> Trajectory:
-        """To each pose by its approach, a rest there, and back by the same way."""
-        assert self._here is not None
-        seconds, positions, now, here = [], [], 0.0, self._here
-        velocity = self.settings.speed * self._arm.velocity
-        if np.abs(here - poses[0].joints).max() <= self.settings.tolerance:
-            here = self._aside(here)
-            now = SHORTEST_MOVE
-            seconds, positions = [now], [here]
-        for pose in poses:
-            for point in (*self._retract(here), *pose.approach, pose.joints):
-                now += max(float(travel_time(here, point[None], velocity)[0]), SHORTEST_MOVE)
-                seconds.append(now)
-                positions.append(point)
-                here = point
-            now += self.settings.hold
-            seconds.append(now)
-            positions.append(here)
-            self._last = pose
-        return Trajectory(np.array(seconds), np.array(positions))
+    def _go_to(self, leg: _Leg, pose: PlannedPose) -> bool:
+        """To a pose by its approach and a rest there; False when no free way leads to it."""
+        last, speed = self._last, self.settings.approach_speed
+        back: Array = np.empty((0, self._arm.n))
+        if last is not None and self._at(last, leg.here):
+            back = last.approach[::-1]  # away from the last pose, when that is where the arm is
+        between = self._between(back[-1] if len(back) else leg.here, pose)
+        if between is None:
+            return False
+        if last is not None:
+            leg.along(back, last.standoff / speed)
+        for posture in between:
+            leg.to(posture)
+        if len(pose.approach):
+            leg.to(pose.approach[0])
+            leg.along(np.vstack([pose.approach[1:], pose.joints]), pose.standoff / speed)
+        else:
+            leg.to(pose.joints)
+        leg.rest(self.settings.hold)
+        return True
 
-    def _retract(self, here: Array) -> list[Array]:
-        """The way back from the last pose, when that is where the arm is."""
-        last = self._last
-        if last is None or np.abs(here - last.joints).max() > self.settings.tolerance:
-            return []
-        return list(last.approach[::-1])
+    def _between(self, start: Array, pose: PlannedPose) -> Array | None:
+        """What to go by from `start` to where a pose's approach begins: as the program says, or
+        found anew where the arm is not where the program has it."""
+        if self._way_to is None or not len(pose.approach):
+            return pose.way[1:]
+        if len(pose.way) and np.abs(pose.way[0] - start).max() <= self.settings.tolerance:
+            return pose.way[1:]
+        return self._way_to(start, pose)
+
+    def _step_aside(self, leg: _Leg) -> None:
+        """Where the arm stands at the next pose already: without it there would be no new stop."""
+        pose = self._todo[0][0]
+        if not len(pose.approach) and self._at(pose, leg.here):
+            leg.to(self._aside(leg.here))
+
+    def _at(self, pose: PlannedPose, here: Array) -> bool:
+        return bool(np.abs(here - pose.joints).max() <= self.settings.tolerance)
 
     def _aside(self, here: Array) -> Array:
         """A posture close by: an arm that never left makes no new stop."""

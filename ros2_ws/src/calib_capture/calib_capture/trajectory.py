@@ -13,7 +13,7 @@ from calib_model.errors import CalibrationError
 from calib_model.rotation import Array, frozen
 
 DWELL_STEP = 0.05  # s: at rest, states this near let a probe be read between them
-MOTION_STEP = 1.0  # s: on the way, where nothing is measured
+MOTION_STEP = 5.0  # s: on the way, where nothing is measured
 REST = 1e-12  # rad
 
 
@@ -110,11 +110,29 @@ class Motion:
         return position, np.where(speed * before == 0, 0.0, (speed + before) / 2)
 
     def instants(self) -> Array:
-        """Where a stepped simulation looks, s: ends of rests and motions, and a few between."""
+        """Where a stepped simulation looks, s: ends of rests and motions, and a few between.
+
+        Points that are passed by without a rest are not looked at, but for those of a motion that
+        comes back to where it began: it would not be seen.
+        """
         found: list[Array] = [np.zeros(1)]
-        for begin, end, speed in zip(self.seconds, self.seconds[1:], self._speeds, strict=False):
-            resting = np.abs(speed).max() * (end - begin) < REST
+        for first, last, resting in self._stretches():
+            begin, end = self.seconds[first], self.seconds[last]
+            if not resting and np.abs(self.positions[last] - self.positions[first]).max() < REST:
+                found.append(self.seconds[first + 1 : last + 1])
+                continue
             steps = int(np.ceil((end - begin) / (DWELL_STEP if resting else MOTION_STEP)))
             steps = max(steps, 2 if resting else 1)
             found.append(np.append(begin + (end - begin) * np.arange(1, steps) / steps, end))
         return np.concatenate(found)
+
+    def _stretches(self) -> list[tuple[int, int, bool]]:
+        """Rests and motions between them: the numbers of their first and last point, and which."""
+        far = np.abs(np.diff(self.positions, axis=0)).max(axis=1, initial=0.0)
+        stretches: list[tuple[int, int, bool]] = []
+        for number, resting in enumerate((far < REST).tolist()):
+            if stretches and not resting and not stretches[-1][2]:
+                stretches[-1] = (stretches[-1][0], number + 1, False)
+            else:
+                stretches.append((number, number + 1, resting))
+        return stretches

@@ -60,7 +60,10 @@ def placed(arm, bodies, q, T_base_gauge):
 
 
 def smallest_clearance(arm, bodies, q, T_base_gauge, probed):
-    """The smallest gap (N,) between bodies that may not touch, m; negative when they overlap."""
+    """The smallest gap (N,) between bodies that may not touch, m; negative when they overlap.
+
+    The styli may touch sphere `probed`, None for no sphere.
+    """
     moving, fixed = placed(arm, bodies, q, T_base_gauge)
     least = np.full(len(q), np.inf)
 
@@ -75,4 +78,9 @@ def smallest_clearance(arm, bodies, q, T_base_gauge, probed):
                 take(i, other, fixed[j])
     for i, j in bodies.self_pairs:
         take(i, bodies.moving[j], moving[:, j])
+    floor = bodies.settings.floor
+    for i, body in enumerate(bodies.moving):
+        if floor is not None and (body.frame > 2 or body.kind == 'probe'):
+            height = moving[:, i, :, 2].min(axis=1) - body.radius - floor
+            np.minimum(least, height, out=least)
     return least

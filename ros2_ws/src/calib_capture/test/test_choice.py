@@ -13,7 +13,8 @@ from calib_capture.choice import (
     information_of,
     log_det,
 )
-from calib_capture.program import Planner, ProgramSettings
+from calib_capture.planner import Planner
+from calib_capture.program import ProgramSettings
 from calib_model.rotation import frozen
 
 pytestmark = pytest.mark.timeout(60)

@@ -9,7 +9,8 @@ from clear_of import placed, segment_distances, smallest_clearance
 
 from calib_capture.bodies import BodyError, BodySettings, bodies_of, parse_bodies
 from calib_capture.collision import CollisionCheck
-from calib_capture.program import Planner, ProgramError, ProgramSettings
+from calib_capture.planner import Planner
+from calib_capture.program import ProgramError, ProgramSettings
 from calib_model.description import read_description
 from calib_model.errors import DescriptionError
 from calib_model.kinematics import forward, joint_frames
@@ -114,11 +115,12 @@ def test_more_than_2000_postures_are_checked_in_a_second(kr5, bodies, placements
 def test_no_planned_pose_of_random_gauge_placements_collides_or_leaves_its_limits(
     kr5, probe, gauge
 ):
-    settings = ProgramSettings(poses_per_sphere=5, drive_approach=True)
+    settings = ProgramSettings(poses_per_sphere=5, pool=1)
     planner, generator = Planner(kr5, probe, gauge, settings), np.random.default_rng(4)
-    planned = refused = 0
-    # CALIB_PLACEMENTS=1000 for the long run
-    for _ in range(int(os.environ.get('CALIB_PLACEMENTS', '40'))):
+    planned = refused = went = 0
+    # CALIB_PLACEMENTS=1000 for the long run, in which all ways are looked at
+    long = 'CALIB_PLACEMENTS' in os.environ
+    for number in range(int(os.environ.get('CALIB_PLACEMENTS', '40'))):
         place = stand(generator)
         try:
             program = planner.program({1: place})
@@ -126,8 +128,11 @@ def test_no_planned_pose_of_random_gauge_placements_collides_or_leaves_its_limit
             refused += 1
             continue
         planned += assert_clear(kr5, probe, gauge, settings, program, place)
-    print(f'{planned} poses planned, {refused} placements refused')
+        if long or number % 5 == 0:
+            went += assert_ways_free(kr5, probe, gauge, settings, program, place)
+    print(f'{planned} poses planned, {went} ways between them, {refused} placements refused')
     assert planned > 300
+    assert went > 30
     assert refused > 0
 
 
@@ -153,8 +158,84 @@ def assert_clear(arm, probe, gauge, settings, program, place):
     return count
 
 
+def assert_ways_free(arm, probe, gauge, settings, program, place):
+    """From every pose's approach to the next one's, looked at every 5 mm of what moves farthest,
+    the probed sphere no exception; how many ways."""
+    made = bodies_of(arm, probe, gauge, settings.bodies)
+    before = None
+    for pose in program.poses:
+        assert len(pose.way) >= 1
+        if before is not None:
+            assert np.array_equal(pose.way[0], before)
+        before = pose.approach[0]
+        corners = np.vstack([pose.way, before])
+        assert arm.within_limits(corners, settings.limit_margin - 1e-9).all()
+        ends, _ = placed(arm, made, corners, place)
+        # an arc is longer than its chord: not for short ones by much
+        looks = np.abs(np.diff(corners, axis=0)).max(axis=1) / 0.02
+        far = np.linalg.norm(np.diff(ends, axis=0), axis=-1).max(axis=(1, 2)) / 0.005
+        for start, goal, count in zip(corners, corners[1:], np.maximum(looks, far), strict=False):
+            share = np.linspace(0, 1, int(np.ceil(count)) + 2)[:, None]
+            gap = smallest_clearance(arm, made, start + share * (goal - start), place, probed=None)
+            assert gap.min() > 0, (place, pose, gap.min())
+    return len(program.poses)
+
+
+def test_ways_go_around_what_is_in_between_and_stay_within_limits(kr5, probe, gauge, placements):
+    settings = ProgramSettings(poses_per_sphere=10, pool=1)
+    program = Planner(kr5, probe, gauge, settings).program(placements, [6])
+    assert assert_ways_free(kr5, probe, gauge, settings, program, placements[6]) == 40
+    assert any(len(pose.way) > 1 for pose in program.poses)
+    # and there was something in between
+    made = bodies_of(kr5, probe, gauge, settings.bodies)
+    share = np.linspace(0, 1, 200)[:, None]
+    straight = [
+        smallest_clearance(
+            kr5, made, pose.way[0] + share * (pose.approach[0] - pose.way[0]), placements[6], None
+        ).min()
+        for pose in program.poses if len(pose.way) > 1
+    ]  # fmt: skip
+    assert min(straight) < settings.bodies.clearance
+
+
+def test_from_location_to_location_the_arm_goes_by_a_posture_clear_of_both(
+    kr5, probe, gauge, placements
+):
+    settings = ProgramSettings(poses_per_sphere=3, spheres=(1, 14))
+    program = Planner(kr5, probe, gauge, settings).program(placements, [3, 4])
+    first, second = ([p for p in program.poses if p.location == at] for at in (3, 4))
+    rest = first[0].way[0]
+    crossing = second[0].way
+    assert np.array_equal(crossing[0], first[-1].approach[0])
+    at = next(i for i, posture in enumerate(crossing) if np.array_equal(posture, rest))
+    made = bodies_of(kr5, probe, gauge, settings.bodies)
+    share = np.linspace(0, 1, 400)[:, None]
+    for corners, location in (
+        (crossing[: at + 1], 3), (np.vstack([crossing[at:], second[0].approach[0]]), 4)
+    ):  # fmt: skip
+        for start, goal in zip(corners, corners[1:], strict=False):
+            way = start + share * (goal - start)
+            assert smallest_clearance(kr5, made, way, placements[location], None).min() > 0
+
+
+def test_a_way_is_found_from_anywhere_the_arm_is_not_touching(kr5, probe, gauge, placements):
+    settings = ProgramSettings(poses_per_sphere=4, pool=1)
+    program = Planner(kr5, probe, gauge, settings).program(placements, [2])
+    made = bodies_of(kr5, probe, gauge, settings.bodies)
+    begins = anywhere(kr5, np.random.default_rng(5), 40)
+    clear = smallest_clearance(kr5, made, begins, placements[2], None) > 0.003
+    goal = program.poses[5]
+    found = [program.way_to(start, goal) for start in begins[clear]]
+    assert sum(way is not None for way in found) > 0.9 * clear.sum() > 5
+    # from a sphere it stands at: along the probe's axis first
+    way = program.way_to(program.poses[0].joints, goal)
+    assert np.abs(way[2] - program.poses[0].approach[0]).max() < 1e-5
+    touching = begins[smallest_clearance(kr5, made, begins, placements[2], None) < 0][0]
+    assert program.way_to(touching, goal) is None
+
+
 def test_an_approach_is_straight_along_the_probe_s_axis(kr5, probe, gauge, placements):
-    settings = ProgramSettings(poses_per_sphere=6, drive_approach=True)
+    settings = ProgramSettings(poses_per_sphere=6)
     program = Planner(kr5, probe, gauge, settings).program(placements, [2])
     for pose in program.poses:
         way = forward(kr5, np.vstack([pose.approach, pose.joints]))
@@ -174,7 +255,7 @@ def test_postures_near_a_singularity_are_not_planned(kr5, probe, gauge, placemen
 
 
 def test_a_gauge_out_of_reach_is_refused_with_its_spheres_and_why(kr5, probe, gauge, placements):
-    planner = Planner(kr5, probe, gauge, ProgramSettings())
+    planner = Planner(kr5, probe, gauge, ProgramSettings(poses_per_sphere=5))
     far = {1: placements[1], 7: RigidTransform(np.array([3.0, 0.0, 0.0]))}
     with pytest.raises(ProgramError) as told:
         planner.program(far)
@@ -192,12 +273,16 @@ def test_a_passive_probe_has_a_shank_that_may_touch_its_sphere(kr5, gauge, place
     assert len(program.poses) == 20
 
 
-def test_the_file_of_the_suite_says_what_is_taken_without_one(kr5, probe, gauge, config):
+def test_the_kr5_s_file_has_no_link_thinner_than_what_is_taken_without_one(
+    kr5, probe, gauge, config
+):
     given = read_description(config / 'bodies' / 'kr5.yaml', parse_bodies)
-    assert given.floor == 0.0
-    expected = [body.radius for body in bodies_of(kr5, probe, gauge).moving[:6]]
-    assert given.link_radii == pytest.approx(expected, abs=5e-4)
-    assert replace(given, link_radii=(), floor=None) == BodySettings()
+    assumed = bodies_of(kr5, probe, gauge).moving[:6]
+    stated = bodies_of(kr5, probe, gauge, given).moving[:6]
+    assert all(own.radius >= body.radius for own, body in zip(stated, assumed, strict=True))
+    assert replace(given, link_radii=(), link_offsets=()) == BodySettings()
+    off = [own.start - body.start for own, body in zip(stated, assumed, strict=True)]
+    assert np.allclose(np.abs(off).sum(axis=1), given.link_offsets)
 
 
 def test_sizes_are_read_from_a_file(kr5, probe, gauge):
@@ -208,6 +293,10 @@ def test_sizes_are_read_from_a_file(kr5, probe, gauge):
     assert [body.radius for body in made.moving[:6]] == [0.1, 0.09, 0.08, 0.07, 0.06, 0.05]
     with pytest.raises(BodyError, match='expected 6 link radii .* got 2'):
         bodies_of(kr5, probe, gauge, parse_bodies('link_radii: [0.1, 0.1]'))
+    with pytest.raises(BodyError, match='expected 6 link offsets .* got 1'):
+        bodies_of(kr5, probe, gauge, parse_bodies('link_offsets: [0.1]'))
+    assert parse_bodies('floor: null').floor is None
+    assert parse_bodies('{}').floor == 0.0
     wrongs = 'rod_radius: -1', 'floor: high', 'link_radii: 3', 'link_radii: [0]', 'rod_drp: 1'
     for wrong in wrongs:
         with pytest.raises(DescriptionError):

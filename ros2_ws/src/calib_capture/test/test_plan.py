@@ -11,7 +11,8 @@ from calib_capture.inspection import program_text
 from calib_capture.inverse import InverseKinematics
 from calib_capture.markers import program_markers
 from calib_capture.messages import marker_array
-from calib_capture.program import Planner, ProgramSettings
+from calib_capture.planner import Planner
+from calib_capture.program import ProgramSettings
 from calib_model.kinematics import forward
 from calib_model.rotation import RigidTransform
 

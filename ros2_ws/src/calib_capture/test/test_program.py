@@ -5,15 +5,19 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from calib_capture.order import short_order, travel_time
-from calib_capture.program import Planner, ProgramError, ProgramSettings
+from calib_capture.candidates import NO_FREE_WAY, Candidate
+from calib_capture.order import travel_time
+from calib_capture.planner import Planner
+from calib_capture.program import ProgramError, ProgramSettings
+from calib_capture.visiting import Visiting
+from calib_capture.ways import Ways
 from calib_model.errors import DataError
 from calib_model.kinematics import forward
 from calib_model.probe import PassiveProbe
 from calib_model.rotation import RigidTransform
 
 pytestmark = pytest.mark.timeout(60)
-SETTINGS = ProgramSettings()
+SETTINGS = ProgramSettings(pool=1)
 
 
 @pytest.fixture(scope='module')
@@ -160,8 +164,33 @@ def test_spheres_of_different_locations_stay_apart(placements, gauge):
         assert np.linalg.norm(one[:, None] - other[None], axis=2).min() >= 0.025
 
 
-def test_short_order_visits_everything_once_and_takes_the_nearer_turn():
+def test_everything_is_visited_once_the_nearer_turn_of_it_first():
+    none = np.empty((0, 1))
     choices = [np.array([[3.0], [-3.2]]), np.array([[1.0]]), np.array([[-5.0]])]
-    assert short_order(np.zeros(1), choices, np.ones(1)) == [(1, 0), (0, 0), (2, 0)]
-    assert short_order(np.array([-1.0]), choices, np.ones(1)) == [(1, 0), (0, 0), (2, 0)]
-    assert short_order(np.array([-2.0]), choices, np.ones(1)) == [(0, 1), (2, 0), (1, 0)]
+    items = [Candidate(postures, none, np.zeros(3)) for postures in choices]
+
+    def order(start):
+        visits = Visiting(np.ones(1), None, np.array([start])).visit(items)
+        return [(visit.item, visit.which) for visit in visits]
+
+    assert order(0.0) == [(1, 0), (0, 0), (2, 0)]
+    assert order(-1.0) == [(1, 0), (0, 0), (2, 0)]
+    assert order(-2.0) == [(0, 1), (2, 0), (1, 0)]
+
+
+def test_a_pose_with_no_free_way_is_left_out_and_told(kr5, probe, gauge, placements, monkeypatch):
+    settings = replace(SETTINGS, poses_per_sphere=4, pool=1)
+    whole = Planner(kr5, probe, gauge, settings).program(placements, [1])
+    banned = whole.poses[2].approach[0]
+    free = Ways.free
+
+    def walled(ways, start, goal, seated=False):
+        # full turns apart is the same place; ways are looked for from both ends
+        turned = np.abs(np.sin((np.array([start, goal]) - banned) / 2)).max(axis=1)
+        return (seated or turned.min() > 1e-9) and free(ways, start, goal, seated)
+
+    monkeypatch.setattr(Ways, 'free', walled)
+    left = Planner(kr5, probe, gauge, settings).program(placements, [1])
+    assert len(left.poses) == len(whole.poses) - 1
+    assert left.spheres[0].reasons[NO_FREE_WAY] == 1
+    assert all(not np.array_equal(pose.approach[0], banned) for pose in left.poses)

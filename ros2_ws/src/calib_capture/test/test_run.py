@@ -76,6 +76,34 @@ def test_an_arm_comes_and_leaves_by_the_approach_also_from_batch_to_batch(kr5):
     assert second.positions[:4, 0] == pytest.approx([0.21, 0.22, 0.32, 0.31])
 
 
+def test_an_arm_goes_by_the_way_that_was_found_free_or_by_one_found_anew(kr5):
+    asked = []
+
+    def way_to(start, pose):
+        asked.append((float(start[0]), pose))
+        return np.full((1, 6), 0.77) if pose is not poses[2] else None
+
+    def pose(i):
+        here, before = np.full((1, 6), 0.1 * i), 0.1 * (i - 1) + 0.01 * (i != 3)
+        way = np.array([[before] * 6, [0.5 + 0.1 * i] * 6])
+        return PlannedPose(1, 1, here[0], np.zeros(3), here + 0.01, '', way, 0.02)
+
+    poses = tuple(pose(i) for i in range(1, 5))
+    program = Program((SpherePlan(1, 1, poses, (), 4, 0),), None, way_to)
+    run = MeasuringRun(kr5, program, RunSettings(batch=4, approach_speed=0.05), 0.0)
+    run.see(np.zeros(6), 0, 0.0)
+    first = run.next_trajectory(0.0)
+    assert first.positions[:, 0] == pytest.approx([
+        0.77, 0.11, 0.1, 0.1,  # from where the arm stood
+        0.11, 0.7, 0.21, 0.2, 0.2,  # as planned
+        0.21, 0.77, 0.41, 0.4, 0.4,  # the third has no way: on to the fourth
+    ])  # fmt: skip
+    assert [pose for _, pose in asked] == [poses[0], poses[2], poses[3]]
+    assert [start for start, _ in asked] == pytest.approx([0.0, 0.21, 0.21])
+    assert run.tally.refused == {'no free way': 1}
+    assert first.seconds[2] - first.seconds[1] == pytest.approx(0.02 / 0.05)
+
+
 def answered(joints):
     return SteadyPose(1, joints, np.zeros(3), 3)
 

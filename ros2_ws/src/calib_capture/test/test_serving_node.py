@@ -19,7 +19,8 @@ from rclpy.action import ActionClient  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory  # noqa: E402
 
 from calib_capture.messages import joint_trajectory, qos_of  # noqa: E402
-from calib_capture.program import Planner, ProgramSettings  # noqa: E402
+from calib_capture.planner import Planner  # noqa: E402
+from calib_capture.program import ProgramSettings  # noqa: E402
 from calib_capture.trajectory import Trajectory  # noqa: E402
 from calib_model.bag import read_measurement  # noqa: E402
 from calib_model.placement import placements_yaml  # noqa: E402

@@ -78,6 +78,12 @@ def test_stepping_looks_at_both_ends_and_the_middle_of_every_rest():
     assert np.allclose([motion.at(t)[1] for t in instants[1:]], 0)  # stops show as stops
 
 
+def test_stepping_passes_by_points_without_a_rest_but_sees_a_way_there_and_back():
+    asked = trajectory([1.0, 1.5, 2.0, 2.08, 2.5, 3.0], [[1.0], [3.0], [2.0], [2.0], [2.5], [2.0]])
+    motion = Motion(np.zeros(1), asked, np.full(1, 100.0))
+    assert np.allclose(motion.instants(), [0, 2.0, 2.04, 2.08, 2.5, 3.0])
+
+
 def test_a_long_rest_has_no_gap_that_a_probe_would_not_be_read_across():
     motion = Motion(np.zeros(1), trajectory([1.0, 3.0], [[1.0], [1.0]]), np.full(1, 100.0))
     instants = motion.instants()

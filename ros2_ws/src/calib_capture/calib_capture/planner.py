@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From arm, probe, gauge and its places to a measuring program."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib_capture.candidates import (
+    NO_FREE_WAY,
+    Candidate,
+    Candidates,
+    Finder,
+    Reach,
+    branch_names,
+    joints_of,
+)
+from calib_capture.choice import Indices, Pool, Telling, choose, information_of
+from calib_capture.hands import Hands
+from calib_capture.program import (
+    Expected,
+    PlannedPose,
+    Program,
+    ProgramError,
+    ProgramSettings,
+    Router,
+    SpherePlan,
+)
+from calib_capture.visiting import Visit, Visiting
+from calib_model.arm import Arm
+from calib_model.gauge import Gauge
+from calib_model.probe import Probe
+from calib_model.rotation import Array, RigidTransform, frozen
+
+SPARE_SHARE = 0.2
+REST_TRIALS = 2000
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A sphere on its way into the program: what there is to choose from."""
+
+    location: int
+    sphere: int
+    candidates: Candidates
+    spares: Candidates
+
+
+class Planner:
+    """Makes programs for one arm with one probe.
+
+    Raises:
+        InverseError: the arm has no inverse kinematics in closed form.
+        ProgramError: the offsets asked for are beyond the styli's stroke.
+        BodyError: the sizes given for the arm's links are not as many as it has.
+    """
+
+    def __init__(self, arm: Arm, probe: Probe, gauge: Gauge, settings: ProgramSettings) -> None:
+        self.arm = arm
+        self.gauge = gauge
+        self.settings = settings
+        reach = Reach(
+            settings.limit_margin, settings.singular_margin, settings.approach, settings.bodies
+        )
+        self._finder = Finder(arm, probe, gauge, reach)
+        self._hands = Hands(probe, gauge, settings, self._finder.inverse.redundant_range())
+        self.telling = Telling(arm, probe, gauge, settings.choice)
+
+    def program(
+        self, placements: Mapping[int, RigidTransform], locations: Sequence[int] = ()
+    ) -> Program:
+        """The program for `locations` (all when empty) of `placements` (`T_base_gauge`).
+
+        Raises:
+            ProgramError: a location is not among the placements, or none of its spheres can be
+                reached; says which spheres and what kept the arm from them. Or no posture keeps
+                clear of the gauge at every location.
+            DataError: the gauge has no such sphere.
+        """
+        unknown = [number for number in locations if number not in placements]
+        if unknown:
+            raise ProgramError(
+                f'location {unknown[0]} has no place (there are {sorted(placements)})'
+            )
+        places = {number: placements[number] for number in locations or sorted(placements)}
+        drafts: list[Draft] = []
+        for location, place in places.items():
+            found = [self.draft(place, location, sphere) for sphere in self.settings.spheres]
+            _refuse_out_of_reach(self.arm, location, found)
+            drafts += found
+        pools = [self.pool(places[draft.location], draft) for draft in drafts]
+        chosen = choose(self.telling, pools, self.settings.poses_per_sphere).chosen
+        picked = [
+            [draft.candidates.found[i] for i in rows]
+            for draft, rows in zip(drafts, chosen, strict=True)
+        ]
+        plans = self._plans(places, drafts, picked)
+        return Program(plans, self._expected(pools, chosen), self._router(places))
+
+    def draft(self, T_base_gauge: RigidTransform, location: int, sphere: int) -> Draft:
+        """The candidates of one sphere."""
+        settings = self.settings
+        self._finder.put_gauge(T_base_gauge, sphere)
+        key = (settings.seed, location, sphere)
+        hands = self._hands.around(T_base_gauge, sphere, key)
+        found = self._finder.find(hands, settings.pool * settings.poses_per_sphere)
+        # where the gauge is not quite where it should be, offsets are what takes spheres too far
+        hands = self._hands.around(T_base_gauge, sphere, (*key, 1), offset_share=0.2)
+        planned = min(len(found.found), settings.poses_per_sphere)
+        spare = self._finder.find(hands, math.ceil(SPARE_SHARE * planned))
+        return Draft(location, sphere, found, spare)
+
+    def pool(self, T_base_gauge: RigidTransform, draft: Draft) -> Pool:
+        """What the candidates of one sphere tell."""
+        found = draft.candidates.found
+        center = T_base_gauge.apply(self.gauge.center(draft.sphere))
+        joints = joints_of(found, self.arm.n)
+        seats = np.array([each.p_probe_sphere for each in found]).reshape(-1, 3)
+        return Pool(draft.location, draft.sphere, center, self.telling.rows(joints, seats))
+
+    def _expected(self, pools: Sequence[Pool], chosen: Sequence[Indices]) -> Expected:
+        telling = self.telling
+        return Expected(
+            telling.position_uncertainty(telling.known),
+            telling.position_uncertainty(information_of(telling, pools, chosen)),
+        )
+
+    def _plans(
+        self, places: Mapping[int, RigidTransform], drafts: Sequence[Draft],
+        picked: Sequence[Sequence[Candidate]],
+    ) -> tuple[SpherePlan, ...]:  # fmt: skip
+        """One sphere after the other; from location to location by a posture of rest that is
+        clear of the gauge at all of them."""
+        driven = self.settings.by_approach
+        rest = self._rest(places) if driven else self._home()
+        visiting = Visiting(self.arm.velocity, self._finder.ways if driven else None, rest)
+        plans: list[SpherePlan] = []
+        at = drafts[0].location if drafts else 0
+        for draft, candidates in zip(drafts, picked, strict=True):
+            back: Array = np.empty((0, self.arm.n))
+            if driven and draft.location != at:
+                back = self._back(visiting.here, rest, at)
+                visiting.here = rest
+            at = draft.location
+            self._finder.put_gauge(places[at], draft.sphere)
+            visits = visiting.visit(candidates)
+            plans.append(self._plan(draft, candidates, visits, back))
+        return tuple(plans)
+
+    def _home(self) -> Array:
+        limits = np.clip(self.arm.limits, -np.pi, np.pi)
+        middle: Array = limits.mean(axis=1)
+        return middle
+
+    def _rest(self, places: Mapping[int, RigidTransform]) -> Array:
+        """A posture that keeps clear of the gauge wherever it comes to stand."""
+        generator = np.random.default_rng(self.settings.seed)
+        lower, upper = np.clip(self.arm.limits, -np.pi, np.pi).T
+        tried = self._home()
+        for _ in range(REST_TRIALS):
+            if all(self._clear(tried, place) for place in places.values()):
+                return tried
+            tried = generator.uniform(lower, upper)
+        raise ProgramError(
+            f'{self.arm.name}: found no posture that is clear of the gauge at every location'
+        )
+
+    def _clear(self, q: Array, place: RigidTransform) -> bool:
+        self._finder.put_gauge(place)
+        return self._finder.ways.clear(q)
+
+    def _back(self, here: Array, rest: Array, location: int) -> Array:
+        """The way (K, n) from `here` to `rest`, ends included; the gauge is where it was put."""
+        between = self._finder.ways.between(here, rest)
+        if between is None:
+            raise ProgramError(f'location {location}: no free way back from its last pose')
+        return np.vstack([here, between])
+
+    def _plan(
+        self, draft: Draft, candidates: Sequence[Candidate], visits: Sequence[Visit], back: Array
+    ) -> SpherePlan:
+        names = branch_names(self.arm, joints_of(candidates, self.arm.n))
+        poses = []
+        for number, visit in enumerate(visits):
+            way = np.vstack([back, visit.way]) if number == 0 else visit.way
+            candidate, branch = candidates[visit.item], names[visit.item]
+            poses.append(self._planned(draft, candidate, visit.which, way, branch))
+        missed = set(range(len(candidates))) - {visit.item for visit in visits}
+        refused = draft.candidates.refusals(self.arm)
+        refused.update(Counter((names[item], NO_FREE_WAY) for item in missed))
+        none = np.empty((0, self.arm.n))
+        spares = tuple(self._planned(draft, each, 0, none) for each in draft.spares.found)
+        return SpherePlan(
+            draft.location, draft.sphere, tuple(poses), spares if poses else (),
+            draft.candidates.tried, draft.candidates.unreachable, refused,
+        )  # fmt: skip
+
+    def _planned(
+        self, draft: Draft, candidate: Candidate, which: int, way: Array, branch: str = ''
+    ) -> PlannedPose:
+        joints, settings = candidate.postures[which], self.settings
+        steps = candidate.way[::-1] if settings.by_approach else candidate.way[:0]
+        return PlannedPose(
+            draft.location, draft.sphere, frozen(joints), frozen(candidate.p_probe_sphere),
+            frozen(joints + steps), branch, frozen(way), settings.approach if len(steps) else 0.0,
+        )  # fmt: skip
+
+    def _router(self, places: Mapping[int, RigidTransform]) -> Router | None:
+        """Ways to a pose from where the program did not foresee the arm to be."""
+        if not self.settings.by_approach:
+            return None
+
+        def way_to(start: Array, pose: PlannedPose) -> Array | None:
+            self._finder.put_gauge(places[pose.location], pose.sphere)
+            return self._finder.way_from(start, pose.approach[0])
+
+        return way_to
+
+
+def _refuse_out_of_reach(arm: Arm, location: int, drafts: Sequence[Draft]) -> None:
+    """Refuse a location where the gauge cannot be probed at all."""
+    if any(draft.candidates.found for draft in drafts):
+        return
+    told = []
+    for draft in drafts:
+        why = ', '.join(reason for reason, _ in draft.candidates.reasons().most_common(2))
+        told.append(f'{draft.sphere} ({why})')
+    raise ProgramError(
+        f'location {location}: none of the chosen spheres can be reached by {arm.name}: '
+        f'sphere {", ".join(told)}'
+    )
