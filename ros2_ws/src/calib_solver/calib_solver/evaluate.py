@@ -10,9 +10,11 @@ from collections.abc import Sequence
 from calib_model.command import CommandParser, run_command
 from calib_model.correction import parse_correction
 from calib_model.description import read_description
-from calib_solver.loading import Sources, load
+from calib_model.progress import Progress
+from calib_solver.loading import Sources, load_all
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
+from calib_solver.raw_options import add_raw_arguments, raw_choice
 from calib_solver.result import Record, quality_record, sphere_records
 
 ABOUT = """\
@@ -34,17 +36,27 @@ def arguments() -> CommandParser:
     parser.add_argument(
         '--correction', default='', metavar='YAML', help='with what identify found beyond D-H'
     )
+    add_raw_arguments(parser)
     return parser
 
 
-def evaluation_record(sources: Sources, correction: str = '') -> Record:
+def evaluation_record(
+    sources: Sources, correction: str = '', progress: Progress | None = None
+) -> Record:
     """Q of the contract at the top level, and the probed spheres; `correction` is a file's path.
+
+    `progress` hears how far reading is, and what was made of bags without poses.
 
     Raises:
         CalibrationError: a bag or a description cannot be used.
     """
-    measured = load(sources)
     beyond = read_description(correction, parse_correction) if correction else None
+    loaded = load_all(sources, progress)
+    loaded = loaded.told_with(loaded.measured.arm, loaded.measured.probe, beyond)
+    measured = loaded.measured
+    if progress is not None:
+        for line in loaded.lines:
+            progress.say(line)
     quality = assess(Problem.of(measured), measured.arm, measured.probe, beyond)
     return {**quality_record(quality), 'spheres': sphere_records(quality.spheres)}
 
@@ -54,8 +66,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def work() -> None:
         given = arguments().parse_args(argv)
-        sources = Sources(tuple(given.bag), given.arm, given.probe, given.gauge)
-        record = evaluation_record(sources, given.correction)
+        sources = Sources(
+            tuple(given.bag), given.arm, given.probe, given.gauge, raw=raw_choice(given),
+            anew=given.raw,
+        )  # fmt: skip
+        # what is said goes beside the JSON
+        record = evaluation_record(sources, given.correction, Progress(sys.stderr, 'MB'))
         print(json.dumps(record, indent=1, allow_nan=False))
 
     return run_command(work)

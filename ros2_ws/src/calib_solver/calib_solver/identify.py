@@ -14,15 +14,17 @@ from calib_solver.identification import Options
 from calib_solver.loading import Calibration, Effort, Sources, calibrate
 from calib_solver.objectives import OBJECTIVES
 from calib_solver.prior import chosen_prior
+from calib_solver.raw_options import add_raw_arguments, raw_choice
 from calib_solver.resampling import Plan
 from calib_solver.summary import summary
 from calib_solver.user_urdf import write_corrected_urdf
 
 ABOUT = """\
 Identify the Denavit-Hartenberg parameters of an arm, and where the probe sits on its flange,
-from bags of probing poses."""
+from bags of probing poses, or of nothing but /joint_states and /probe/displacements."""
 EXAMPLE = """example:
   ros2 run calib_solver identify bags/demo --test bags/demo_test --output output/demo
+  ros2 run calib_solver identify my_bag --arm arm.yaml --probe probe.yaml --gauge gauge.yaml
 """
 
 
@@ -129,6 +131,7 @@ def arguments() -> CommandParser:
         action='store_true',
         help='draw before_and_after.png into the folder of --output too',
     )
+    add_raw_arguments(parser)
     return parser
 
 
@@ -151,10 +154,15 @@ def run(argv: Sequence[str] | None = None) -> Calibration:
         chosen_prior(given.prior),
         given.loss,
     )
-    sources = Sources(tuple(given.bag), given.arm, given.probe, given.gauge)
+    sources = Sources(
+        tuple(given.bag), given.arm, given.probe, given.gauge, raw=raw_choice(given),
+        anew=given.raw,
+    )  # fmt: skip
     test = [bag for group in given.test for bag in group]
     plan = Plan(given.monte_carlo, given.bootstrap, given.seed)
-    effort = Effort(plan, given.scheduler, Progress(sys.stderr, 'repetitions'))
+    effort = Effort(
+        plan, given.scheduler, Progress(sys.stderr, 'repetitions'), Progress(sys.stderr, 'MB')
+    )
     finished = calibrate(sources, options, test, given.output, effort)
     if given.figures:
         # matplotlib takes longer to load than everything else together

@@ -4,36 +4,47 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from calib_model.bag import read_measurement
+from calib_model.arm import Arm
+from calib_model.correction import Correction
 from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.errors import DataError
+from calib_model.probe import Probe
 from calib_model.probing import Measurement, ProbingSet
-from calib_model.progress import Progress
+from calib_model.progress import Pace, Progress
+from calib_model.raw_measurement import Instruments, RawChoice
 from calib_solver.cluster import connected
 from calib_solver.compiled import threads
 from calib_solver.identification import Identification, Options, identify
 from calib_solver.parallel import Spread, in_processes
 from calib_solver.problem import Problem
-from calib_solver.quality import Quality, assess
+from calib_solver.quality import ProbedSpheres, Quality, assess
+from calib_solver.raw_bags import Part, RawSpheres, read_part
 from calib_solver.report import report_html
 from calib_solver.resampling import Plan, Resampled, refuse_plan, resample
 from calib_solver.result import Record, result_record, write_results
 
+ROUNDS = 3  # identifications at most until the numbers of a raw bag's spheres stay the same
+
 
 @dataclass(frozen=True)
 class Sources:
-    """Bags that make one measurement, and YAML files that take the place of their descriptions."""
+    """Bags that make one measurement, and YAML files that take the place of their descriptions.
+
+    Bags without poses are paired and sorted as `raw` says, `anew` those with poses, too.
+    """
 
     bags: tuple[str, ...]
     arm: str = ''
     probe: str = ''
     gauge: str = ''
+    raw: RawChoice = RawChoice()
+    anew: bool = False
 
 
 def bag_list(text: str) -> tuple[str, ...]:
@@ -43,26 +54,85 @@ def bag_list(text: str) -> tuple[str, ...]:
     return tuple(part for part in text.split(':') if part)
 
 
+@dataclass(frozen=True)
+class Loaded:
+    """A measurement, and what its bags without poses say of the numbers of their spheres."""
+
+    measured: Measurement
+    raw: RawSpheres | None = None
+
+    def told_by(self, spheres: ProbedSpheres) -> Loaded:
+        """Numbered as the distances between these centres tell, where they do so clearly."""
+        if self.raw is None or not self.raw.numbering.open:
+            return self
+        told = self.raw.told_by(spheres)
+        return Loaded(told.relabelled(self.measured, self.raw.numbering), told)
+
+    def told_with(self, arm: Arm, probe: Probe, model: Correction | None = None) -> Loaded:
+        """Numbered by the distances that this arm sees."""
+        if self.raw is None or not self.raw.numbering.open:
+            return self
+        return self.told_by(assess(Problem.of(self.measured), arm, probe, model).spheres)
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """How bags without poses became a measurement."""
+        return () if self.raw is None else (*self.raw.lines, self.raw.numbering.line())
+
+
 def load(sources: Sources) -> Measurement:
     """The measurement of one or several bags; each further bag's locations are its own.
 
     Raises:
         CalibrationError: a bag or a description cannot be read, or they do not go together.
     """
+    loaded = load_all(sources)
+    return loaded.told_with(loaded.measured.arm, loaded.measured.probe).measured
+
+
+def load_all(sources: Sources, progress: Progress | None = None) -> Loaded:
+    """As `load`, with the numbers of a raw bag's spheres still open; tells how far reading is.
+
+    Raises:
+        CalibrationError: a bag or a description cannot be read, or they do not go together.
+    """
     if not sources.bags:
         raise DataError('no bag given')
-    arm = read_description(sources.arm, parse_arm) if sources.arm else None
-    probe = read_description(sources.probe, parse_probe) if sources.probe else None
-    gauge = read_description(sources.gauge, parse_gauge) if sources.gauge else None
-    parts = [read_measurement(bag, arm, probe, gauge) for bag in sources.bags]
-    return parts[0] if len(parts) == 1 else _joined(parts)
+    given = Instruments(
+        read_description(sources.arm, parse_arm) if sources.arm else None,
+        read_description(sources.probe, parse_probe) if sources.probe else None,
+        read_description(sources.gauge, parse_gauge) if sources.gauge else None,
+    )
+    found: list[Part] = []
+    for bag in sources.bags:
+        pace = Pace(progress, f'reading {bag}', 1e6) if progress is not None else None
+        found.append(read_part(bag, given, sources.raw, sources.anew, pace))
+        if pace is not None:
+            pace.end()
+    sorted_bags = [part.raw for part in found if part.raw is not None]
+    if not sorted_bags:
+        return Loaded(_joined([part.measured for part in found])[0])
+    raw = RawSpheres.of(sorted_bags)
+    numbered = iter(raw.measurements())
+    parts = [part.measured if part.raw is None else next(numbered) for part in found]
+    measured, shifts = _joined(parts)
+    locations = tuple(
+        number + shift
+        for part, shift in zip(found, shifts, strict=True) if part.raw is not None
+        for number in range(1, len(part.raw.locations) + 1)
+    )  # fmt: skip
+    return Loaded(measured, replace(raw, locations=locations))
 
 
-def _joined(parts: Sequence[Measurement]) -> Measurement:
-    """Bags of one arm as one measurement; a location number used twice is moved up."""
+def _joined(parts: Sequence[Measurement]) -> tuple[Measurement, list[int]]:
+    """Bags of one arm as one measurement, and how far up the location numbers of each were moved
+    so that none is used twice."""
     first = parts[0]
+    if len(parts) == 1:
+        return first, [0]
     sets: list[ProbingSet] = []
     used: set[int] = set()
+    shifts: list[int] = []
     for part in parts:
         if part.arm.joint_names != first.arm.joint_names:
             raise DataError(f'{part.source}: other joints than in {first.source}')
@@ -77,6 +147,7 @@ def _joined(parts: Sequence[Measurement]) -> Measurement:
         own = set(map(int, part.poses.location))
         shift = max(used) + 1 - min(own) if own & used else 0
         used |= {number + shift for number in own}
+        shifts.append(shift)
         poses = part.poses
         sets.append(
             ProbingSet(
@@ -85,18 +156,21 @@ def _joined(parts: Sequence[Measurement]) -> Measurement:
             )
         )  # fmt: skip
     source = ', '.join(part.source for part in parts)
-    return Measurement(first.arm, first.probe, first.gauge, ProbingSet.joined(sets), source)
+    joined = ProbingSet.joined(sets)
+    return Measurement(first.arm, first.probe, first.gauge, joined, source), shifts
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """A finished `identify`: the identification, the held-out qualities, the record, the files."""
+    """A finished `identify`: the identification, the held-out qualities, the record, the files;
+    `notes` say what was made of bags without poses."""
 
     done: Identification
     test_initial: Quality | None
     test: Quality | None
     record: Record
     written: tuple[Path, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def verdict(self) -> str:
@@ -111,12 +185,13 @@ class Effort:
     """Work beyond a single identification, and where it is done.
 
     `scheduler` is the address of a Dask scheduler; '' is this machine alone. `progress` is told
-    how far the repetitions are.
+    how far the repetitions are, `reading` how far the reading of bags without poses is.
     """
 
     plan: Plan = Plan()
     scheduler: str = ''
     progress: Progress | None = None
+    reading: Progress | None = None
 
 
 def calibrate(
@@ -131,14 +206,15 @@ def calibrate(
     Raises:
         CalibrationError: anything that keeps it from being done; nothing is written then.
     """
-    held_out = (
-        load(Sources(tuple(test), sources.arm, sources.probe, sources.gauge)) if test else None
-    )
-    done, resampled = _identified(load(sources), options, effort or Effort())
+    effort = effort or Effort()
+    unseen = load_all(replace(sources, bags=tuple(test)), effort.reading) if test else None
+    loaded, done, resampled = _identified(load_all(sources, effort.reading), options, effort)
     before = after = None
-    if held_out is not None:
-        problem = Problem.of(held_out)
-        measured = done.problem.measured
+    notes = loaded.lines
+    if unseen is not None:
+        unseen = unseen.told_with(done.arm, done.probe, done.model)
+        notes = (*notes, *unseen.lines)
+        problem, measured = Problem.of(unseen.measured), done.problem.measured
         before = assess(problem, measured.arm, measured.probe)
         after = assess(problem, done.arm, done.probe)
     record = result_record(done, after, resampled)
@@ -146,21 +222,40 @@ def calibrate(
     if output:
         report = report_html(done, record, sources.bags, test, before, after)
         written = write_results(output, done, record, report)
-    return Calibration(done, before, after, record, tuple(written))
+    return Calibration(done, before, after, record, tuple(written), notes)
 
 
 def _identified(
-    measured: Measurement, options: Options, effort: Effort
-) -> tuple[Identification, Resampled | None]:
+    loaded: Loaded, options: Options, effort: Effort
+) -> tuple[Loaded, Identification, Resampled | None]:
     """The identification and its repetitions, on this machine or on a cluster."""
-    plan, progress = effort.plan, effort.progress
+    plan, progress, measured = effort.plan, effort.progress, loaded.measured
     refuse_plan(plan, len(np.unique(measured.poses.location)), measured.source)
     if not effort.scheduler:
-        done = identify(measured, options)
-        return done, _resampled(done, plan, in_processes(threads()), progress)
+        loaded, done = _numbered(loaded, lambda measured: identify(measured, options))
+        return loaded, done, _resampled(done, plan, in_processes(threads()), progress)
     with connected(effort.scheduler) as cluster:
-        done = identify(measured, options, cluster.passes())
-        return done, _resampled(done, plan, cluster.spread, progress)
+        loaded, done = _numbered(
+            loaded, lambda measured: identify(measured, options, cluster.passes())
+        )
+        return loaded, done, _resampled(done, plan, cluster.spread, progress)
+
+
+def _numbered(
+    loaded: Loaded, run: Callable[[Measurement], Identification]
+) -> tuple[Loaded, Identification]:
+    """The identification with the sphere numbers that its own distances tell."""
+    done = run(loaded.measured)
+    for _ in range(ROUNDS):
+        before, loaded = loaded, loaded.told_by(done.identified.spheres)
+        if before.raw is None or loaded.raw is None:
+            return loaded, done
+        if before.raw.numbering.numbers == loaded.raw.numbering.numbers:
+            break
+        done = run(loaded.measured)
+    if loaded.raw is not None and loaded.raw.numbering.assumed:
+        done = replace(done, warnings=(*done.warnings, loaded.raw.numbering.line()))
+    return loaded, done
 
 
 def _resampled(

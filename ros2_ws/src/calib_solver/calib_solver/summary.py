@@ -20,7 +20,8 @@ ROWS = (
 def summary(calibration: Calibration) -> str:
     """The table in mm, what was not identifiable, warnings first if there are any, the files."""
     done = calibration.done
-    lines = [f'warning: {warning}' for warning in done.warnings]
+    lines = list(calibration.notes)
+    lines += [f'warning: {warning}' for warning in done.warnings if warning not in lines]
     poses, spheres = len(done.problem.joints), len(done.problem.keys)
     lines.append(
         f'{done.arm.name}: {poses} poses of {spheres} spheres at {len(done.problem.locations)} '
