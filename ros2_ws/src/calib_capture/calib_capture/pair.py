@@ -5,30 +5,46 @@ from __future__ import annotations
 
 import sys
 import tempfile
+from argparse import Namespace
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import TypeVar
 
+from calib_capture.led_note import LED_NOTE, LedNote
+from calib_capture.moving import MovingSettings
 from calib_capture.repeat import Repeated, repeat_pairing
+from calib_capture.repeat_led import RepeatedLed, repeat_led
 from calib_model.bag import write_measurement
 from calib_model.bag_reader import read_note
-from calib_model.command import CommandParser, run_command
+from calib_model.command import CommandParser, UsageError, run_command
 from calib_model.description import read_description
 from calib_model.errors import BagError
 from calib_model.pairing import SteadySettings
 from calib_model.pairing_note import NOTE, settings_of
 from calib_model.placement import parse_placements
+from calib_model.probing import Measurement
+
+Settings = TypeVar('Settings', SteadySettings, MovingSettings)
 
 ABOUT = """\
 Pair probe readings with joints anew from the raw topics of a bag, /joint_states and
 /probe/displacements, with the settings it was captured with or others.
 
 Which sphere a pose belongs to, its recorded pose on /capture/poses says. A bag without that topic
-needs --placements: then it is the sphere whose nominal centre is near what the arm reports."""
+needs --placements: then it is the sphere whose nominal centre is near what the arm reports.
+
+Of an arm that was led by hand (--mode continuous, or captured so) every reading is paired on the
+move, and poses are taken along its way."""
 
 EXAMPLE = """\
 example:
   ros2 run calib_capture pair bags/demo/identification output/paired_again --dwell 0.02"""
 
+MODES = ('program', 'continuous')
+OF_LED = {
+    'spacing': 'rad that the joints of a led arm go from pose to pose',
+    'seated': 's at both ends of a contact of a led arm without a pose',
+}
 TOLD = {
     'settle': 's that the arm must be still first',
     'dwell': 's of readings that are averaged',
@@ -50,18 +66,40 @@ def pair(
         DescriptionError: a description in the bag or the placements cannot be used.
         DataError: poses that do not fit the descriptions.
     """
-    if out.exists() or out.is_symlink():
-        raise BagError(f'{out}: exists already, a bag is never overwritten')
+    _refuse_existing(out)
     places = None if placements is None else read_description(placements, parse_placements)
     repeated = repeat_pairing(raw, settings, places, correct_clock)
+    _write(out, repeated.measured)
+    return repeated
+
+
+def pair_led(raw: Path, out: Path, note: LedNote, correct_clock: bool = False) -> RepeatedLed:
+    """Write the bag `out` of a led arm's poses paired anew from `raw`; whole or not at all.
+
+    Raises:
+        BagError: no usable bag at `raw`, nothing to pair, or `out` exists or cannot be written.
+        DescriptionError: a description in the bag cannot be used.
+        DataError: poses that do not fit the descriptions.
+    """
+    _refuse_existing(out)
+    repeated = repeat_led(raw, note, correct_clock)
+    _write(out, repeated.measured)
+    return repeated
+
+
+def _refuse_existing(out: Path) -> None:
+    if out.exists() or out.is_symlink():
+        raise BagError(f'{out}: exists already, a bag is never overwritten')
+
+
+def _write(out: Path, measured: Measurement) -> None:
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix='.pair-', dir=out.parent) as part:
-            write_measurement(Path(part) / out.name, repeated.measured)
+            write_measurement(Path(part) / out.name, measured)
             (Path(part) / out.name).rename(out)
     except OSError as error:
         raise BagError(f'{out}: cannot be written: {error.strerror}') from error
-    return repeated
 
 
 def main() -> int:
@@ -80,24 +118,48 @@ def _pair() -> None:
         '--correct-clock', action='store_true',
         help='pair readings with the joints by the estimated offset between their clocks',
     )  # fmt: skip
-    for name, text in TOLD.items():
+    parser.add_argument('--mode', choices=MODES, help='as captured')
+    for name, text in (TOLD | OF_LED).items():
         parser.add_argument(
             f'--{name.replace("_", "-")}', type=float, metavar='X', help=f'{text}; as captured'
         )
     given = parser.parse_args()
-    settings = settings_of(read_note(given.raw, NOTE))
-    chosen = {
-        each.name: getattr(given, each.name) for each in fields(settings)
-        if getattr(given, each.name, None) is not None
-    }  # fmt: skip
-    repeated = pair(
-        given.raw, given.out, replace(settings, **chosen), given.placements, given.correct_clock
-    )
+    note = LedNote.read(read_note(given.raw, LED_NOTE), str(given.raw))
+    led = given.mode == 'continuous' if given.mode else note is not None
+    repeated = _led(given, note) if led else _standing(given)
     if given.correct_clock and repeated.clock is None:
         print('no motion in contact: the offset between the clocks cannot be told')
     for line in repeated.lines():
         print(line)
     print(f'{given.out}: {len(repeated.measured.poses)} poses')
+
+
+def _standing(given: Namespace) -> Repeated:
+    settings = _chosen(settings_of(read_note(given.raw, NOTE)), given)
+    return pair(given.raw, given.out, settings, given.placements, given.correct_clock)
+
+
+def _led(given: Namespace, note: LedNote | None) -> RepeatedLed:
+    if given.placements is not None:
+        places = read_description(given.placements, parse_placements)
+        settings = MovingSettings() if note is None else note.settings
+        note = LedNote(settings, places, shift=0 if note is None else note.shift)
+    if note is None:
+        raise UsageError(
+            f'{given.raw}: was not captured in mode continuous, '
+            'say where the gauge stood (--placements)'
+        )
+    note = replace(note, settings=_chosen(note.settings, given))
+    return pair_led(given.raw, given.out, note, given.correct_clock)
+
+
+def _chosen(settings: Settings, given: Namespace) -> Settings:
+    """The settings as captured, but for those that are given."""
+    chosen = {
+        each.name: getattr(given, each.name) for each in fields(settings)
+        if getattr(given, each.name, None) is not None
+    }  # fmt: skip
+    return replace(settings, **chosen)
 
 
 if __name__ == '__main__':

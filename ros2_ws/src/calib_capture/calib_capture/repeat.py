@@ -12,14 +12,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from calib_capture.sphere_finder import SphereFinder
 from calib_model import cdr
 from calib_model.arm import Arm
 from calib_model.bag_reader import BagMessage, read_messages
 from calib_model.clock_offset import ClockOffset, clock_offset
 from calib_model.description import parse_arm, parse_gauge, parse_probe
-from calib_model.errors import BagError, ContactError
+from calib_model.errors import BagError
 from calib_model.gauge import Gauge
-from calib_model.kinematics import points
 from calib_model.pairing import (
     SECOND,
     JointSample,
@@ -49,7 +49,6 @@ Label = tuple[int, int]  # location and sphere
 SAME_POSTURE = 2e-3  # rad: what a run takes for the planned pose
 SAME_STOP = 0.5  # s beyond the window: other settings find another instant of the same stop
 STEP_BACK = 1.0  # s: stamps that fall back by more come from an arm that was started anew
-NEAR = 0.010  # m: how far off a sphere's nominal centre an arm not yet calibrated may see it
 
 
 @dataclass
@@ -86,7 +85,7 @@ class Repeated:
 
 
 @dataclass(frozen=True)
-class _Raw:
+class Raw:
     """What a bag holds, decoded: descriptions, streams in recorded order, recorded poses."""
 
     arm: Arm
@@ -111,17 +110,13 @@ def repeat_pairing(
         DescriptionError: a description in the bag cannot be used.
         DataError: poses that do not fit the descriptions.
     """
-    raw = _read(path)
+    raw = read_raw(path)
     if not raw.poses and placements is None:
         raise BagError(
             f'{path}: no {CAPTURE_POSES.name} to say which spheres were probed, '
             'say where the gauge stood (--placements)'
         )
-    clock = clock_offset(
-        raw.arm, raw.probe, raw.gauge,
-        [each for each in raw.stream if isinstance(each, JointSample)],
-        [each for each in raw.stream if isinstance(each, Reading)],
-    )  # fmt: skip
+    clock = clock_of(raw)
     shift = round(clock.seconds * SECOND) if clock is not None and correct_clock else 0
     outcomes, too_late = _paired([_shifted(each, shift) for each in raw.stream], settings)
     steady = sorted(
@@ -132,7 +127,7 @@ def repeat_pairing(
     if placements is None:
         labels = _Recorded(raw.poses, settings).labels(steady)
     else:
-        labels = _Nominal(raw, placements).labels(steady)
+        labels = _nominal(raw, placements, steady)
     known = [(each, label) for each, label in zip(steady, labels, strict=True) if label]
     if not known:
         raise BagError(f'{path}: no pose comes of its {len(outcomes)} stops')
@@ -141,6 +136,29 @@ def repeat_pairing(
     missed = 0 if placements is not None else len(raw.poses) - len(known)
     recorded = len(raw.poses) if placements is None else 0
     return Repeated(measured, recorded, missed, len(steady) - len(known), refused, too_late, clock)
+
+
+def clock_of(raw: Raw) -> ClockOffset | None:
+    """What the streams tell of the offset between their clocks."""
+    return clock_offset(
+        raw.arm, raw.probe, raw.gauge,
+        [each for each in raw.stream if isinstance(each, JointSample)],
+        [each for each in raw.stream if isinstance(each, Reading)],
+    )  # fmt: skip
+
+
+def _nominal(
+    raw: Raw, placements: Mapping[int, RigidTransform], steady: list[SteadyPose]
+) -> list[Label | None]:
+    """The sphere of each stop by where the nominal arm sees it; None where none is near."""
+    if not steady:
+        return []
+    finder = SphereFinder(raw.arm, raw.probe, raw.gauge, placements)
+    rows = finder.rows(
+        np.array([pose.joints for pose in steady]),
+        np.array([pose.displacement for pose in steady]),
+    )
+    return [finder.labels[row] if row >= 0 else None for row in rows]
 
 
 def _shifted(message: JointSample | Reading, shift: int) -> JointSample | Reading:
@@ -161,7 +179,13 @@ def _probing_set(known: list[tuple[SteadyPose, Label]]) -> ProbingSet:
     )
 
 
-def _read(path: Path) -> _Raw:
+def read_raw(path: Path) -> Raw:
+    """The raw topics of a bag.
+
+    Raises:
+        BagError: no bag, a topic missing or not readable.
+        DescriptionError: a description in the bag cannot be used.
+    """
     topics = (*DESCRIPTIONS, JOINT_STATES, PROBE_DISPLACEMENTS, CAPTURE_POSES)
     types = {topic.name: topic.type for topic in topics}
     contents: dict[str, list[Any]] = {name: [] for name in types}
@@ -183,7 +207,7 @@ def _read(path: Path) -> _Raw:
             raise BagError(f'{path}: no raw messages on {topic.name}, nothing to pair')
     arm = described(ARM_DESCRIPTION, parse_arm)
     stream = list(_samples(order, arm))
-    return _Raw(
+    return Raw(
         arm, described(PROBE_DESCRIPTION, parse_probe), described(GAUGE_DESCRIPTION, parse_gauge),
         stream, contents[CAPTURE_POSES.name],
     )  # fmt: skip
@@ -261,30 +285,3 @@ class _Recorded:
     def _same_posture(self, recorded: Any, joints: Array) -> bool:
         there = np.asarray(recorded.joint_position)
         return there.shape == joints.shape and bool(np.abs(there - joints).max() <= SAME_POSTURE)
-
-
-class _Nominal:
-    """Knows the sphere of a stop from where the nominal arm sees it."""
-
-    def __init__(self, raw: _Raw, placements: Mapping[int, RigidTransform]) -> None:
-        self._raw = raw
-        self._labels = [(location, n) for location in placements for n in raw.gauge.numbers]
-        self._centers = np.array(
-            [placements[location].apply(raw.gauge.center(n)) for location, n in self._labels]
-        )
-
-    def labels(self, steady: list[SteadyPose]) -> list[Label | None]:
-        """Location and sphere of each; None where no sphere, or more than one, is near."""
-        return [self._label(pose) for pose in steady]
-
-    def _label(self, pose: SteadyPose) -> Label | None:
-        probe, diameter = self._raw.probe, self._raw.gauge.sphere_diameter
-        try:
-            p_probe = probe.centers(pose.displacement[None], diameter)
-        except ContactError:
-            return None
-        p_flange = probe.flange_T_probe.apply(p_probe)
-        p_base = points(self._raw.arm, pose.joints[None], p_flange)[0]
-        off = np.linalg.norm(self._centers - p_base, axis=1)
-        near = np.flatnonzero(off <= NEAR)
-        return self._labels[int(near[0])] if len(near) == 1 else None

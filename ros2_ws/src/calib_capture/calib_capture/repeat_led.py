@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Pairing on the move done again from the raw topics of a bag."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calib_capture.led import LedPose, LedRun, LedTally
+from calib_capture.led_note import LedNote, clock_line
+from calib_capture.moving import MovingPairing, PairedReading
+from calib_capture.repeat import clock_of, read_raw
+from calib_capture.sphere_finder import SphereFinder
+from calib_model.clock_offset import ClockOffset
+from calib_model.errors import BagError
+from calib_model.pairing import SECOND, Reading
+from calib_model.probing import Measurement, ProbingSet
+
+
+@dataclass(frozen=True)
+class RepeatedLed:
+    """What came of pairing a led arm's streams anew; readings were shifted by `shift` ns."""
+
+    measured: Measurement
+    tally: LedTally
+    late_joints: int
+    clock: ClockOffset | None
+    shift: int
+
+    def lines(self) -> list[str]:
+        """The counts in words."""
+        late = [f'{self.late_joints} joint states out of order'] if self.late_joints else []
+        return [self.tally.line(), *late, clock_line(self.clock, self.shift)]
+
+
+def repeat_led(path: Path, note: LedNote, correct_clock: bool = False) -> RepeatedLed:
+    """The poses of a led arm's bag, in time order, paired as `note` says.
+
+    With `correct_clock` readings are paired at their stamps in the joints' clock, as far as the
+    streams tell the offset; otherwise by the note's own shift. Poses keep the readings' stamps.
+
+    Raises:
+        BagError: no bag, a topic missing or not readable, or no pose comes of it.
+        DescriptionError: a description in the bag cannot be used.
+        DataError: poses that do not fit the descriptions.
+    """
+    raw = read_raw(path)
+    clock = clock_of(raw)
+    shift = note.shift
+    if correct_clock:
+        shift = round(clock.seconds * SECOND) if clock is not None else 0
+    pairing = MovingPairing(note.settings, shift)
+    paired: list[PairedReading] = []
+    for message in raw.stream:
+        if isinstance(message, Reading):
+            paired += pairing.add_reading(message)
+        else:
+            paired += pairing.add_joints(message)
+    paired += pairing.finish()
+    finder = SphereFinder(raw.arm, raw.probe, raw.gauge, note.placements, note.spheres)
+    run = LedRun(finder, note.settings)
+    poses = sorted(run.take(paired), key=lambda pose: pose.stamp)
+    if not poses:
+        raise BagError(f'{path}: no pose comes of it: {run.tally.line()}')
+    measured = Measurement(raw.arm, raw.probe, raw.gauge, _probing_set(poses), str(path)).checked()
+    return RepeatedLed(measured, run.tally, pairing.late_joints, clock, shift)
+
+
+def _probing_set(poses: list[LedPose]) -> ProbingSet:
+    return ProbingSet(
+        np.array([pose.location for pose in poses], dtype=np.int64),
+        np.array([pose.sphere for pose in poses], dtype=np.int64),
+        np.array([pose.joints for pose in poses]),
+        np.array([pose.displacement for pose in poses]),
+        np.array([pose.stamp for pose in poses], dtype=np.int64),
+        np.ones(len(poses), dtype=np.int64),
+    )
