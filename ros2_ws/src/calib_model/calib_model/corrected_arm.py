@@ -35,14 +35,14 @@ class CorrectedArm:
     def forward(self, q: Array) -> Array:
         """`T_base_flange` (N, 4, 4) of postures q (N, n) as the encoders read them.
 
-        The shift of eq. 12 was found for the probed point; it moves the flange as it is.
+        What eq. 12 shifts was found for the probed point; it moves the flange as it is.
 
         Raises:
             DataError: `q` has not the arm's number of joints.
         """
         T_base_flange = forward(self.arm, self.joints(q))
         if self.correction is not None:
-            T_base_flange[:, :3, 3] += self.correction.shifts(q)
+            T_base_flange[:, :3, 3] += self.correction.shifts(self.arm, q)
         return T_base_flange
 
     def points(self, q: Array, p_flange: Array) -> Array:
@@ -52,4 +52,6 @@ class CorrectedArm:
             DataError: `q` has not the arm's number of joints.
         """
         p_base = points(self.arm, self.joints(q), p_flange)
-        return p_base if self.correction is None else p_base + self.correction.shifts(q)
+        if self.correction is None:
+            return p_base
+        return p_base + self.correction.shifts(self.arm, q)

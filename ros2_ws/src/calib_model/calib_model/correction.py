@@ -14,6 +14,7 @@ from calib_model.errors import DataError, DescriptionError
 from calib_model.fields import Fields, load_mapping
 from calib_model.gravity import links_of, links_rows
 from calib_model.joint_errors import JointErrors, JointTerms, harmonic_basis
+from calib_model.kinematics import forward
 from calib_model.rotation import Array, frozen
 
 COORDINATES = ('x', 'y', 'z')
@@ -39,18 +40,39 @@ class Shift:
 
 
 @dataclass(frozen=True, eq=False)
+class Attitude:
+    """For each coordinate of the base frame a sum of how the flange is turned, m.
+
+    `values` (3, 3, 3): of coordinate c with element (a, b) of the flange's rotation in the base.
+    A gauge that yields to a probe moves with the direction it is pushed from.
+    """
+
+    values: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'values', frozen(self.values))
+
+    def at(self, arm: Arm, q: Array) -> Array:
+        """The shift (N, 3), m, at postures q (N, n), rad."""
+        shift: Array = np.einsum('nab,cab->nc', forward(arm, q)[:, :3, :3], self.values)
+        return shift
+
+
+@dataclass(frozen=True, eq=False)
 class Correction:
     """What to add to the D-H model of the arm with these joints.
 
     `joint_errors` were identified together with the parameters. The correction of eq. 12, found
-    afterwards from what was left, is f(q) = p(q + turn(q)) - p(q) + shift(q): `turn` says what
-    follows a joint's lever over the workspace, `shift` what does not.
+    afterwards from what was left, is f(q) = p(q + turn(q)) - p(q) + shift(q) + attitude(q): `turn`
+    says what follows a joint's lever over the workspace, `shift` what does not, and `attitude`
+    what depends on how the probe is held.
     """
 
     joint_names: tuple[str, ...]
     joint_errors: JointErrors | None = None
     turn: JointErrors | None = None
     shift: Shift | None = None
+    attitude: Attitude | None = None
 
     def checked(self, arm: Arm) -> Correction:
         """Itself, when it is one for `arm`.
@@ -77,10 +99,19 @@ class Correction:
                 there = there + errors.angles(arm, q)
         return there
 
-    def shifts(self, q: Array) -> Array:
-        """What is added to the position of the probed point (N, 3), m, base frame."""
-        q = np.atleast_2d(q)
-        return self.shift.at(q) if self.shift is not None else np.zeros((len(q), 3))
+    def shifts(self, arm: Arm, q: Array) -> Array:
+        """What is added to the position of the probed point (N, 3), m, base frame.
+
+        Raises:
+            DataError: `q` has not the arm's number of joints.
+        """
+        q = arm.check_joints(q)
+        added: Array = np.zeros((len(q), 3))
+        if self.shift is not None:
+            added += self.shift.at(q)
+        if self.attitude is not None:
+            added += self.attitude.at(arm, q)
+        return added
 
 
 def parse_correction(text: str, source: str = 'correction') -> Correction:
@@ -94,12 +125,12 @@ def parse_correction(text: str, source: str = 'correction') -> Correction:
     if not isinstance(names, list) or not names or not all(isinstance(x, str) for x in names):
         raise top.refuse('joints', "expected the list of the joints' names")
     joints = tuple(names)
-    errors = turn = shift = None
+    errors = turn = shift = attitude = None
     if 'joint_errors' in top:
         row = top.mapping('joint_errors', ('encoder', 'compliance', 'load'))
         errors = _joint_errors(row, joints)
     if 'repeatability' in top:
-        rows = top.mapping('repeatability', ('turn', 'shift'))
+        rows = top.mapping('repeatability', ('turn', 'shift', 'attitude'))
         if 'turn' in rows:
             values = _harmonics(rows, 'turn', ('cosine', 'sine'), len(joints))
             turn = JointErrors(JointTerms(len(values) // 2), values)
@@ -107,9 +138,13 @@ def parse_correction(text: str, source: str = 'correction') -> Correction:
             keys = tuple(f'{part}_{c}' for part in ('cosine', 'sine') for c in COORDINATES)
             series = _harmonics(rows, 'shift', keys, len(joints))
             shift = Shift(series.reshape(-1, 3, len(joints)))
-    if errors is None and turn is None and shift is None:
+        if 'attitude' in rows:
+            of = rows.mapping('attitude', COORDINATES)
+            values = np.array([of.numbers(c, 9) for c in COORDINATES])
+            attitude = Attitude(values.reshape(3, 3, 3))
+    if all(part is None for part in (errors, turn, shift, attitude)):
         raise DescriptionError(source, '', "expected 'joint_errors' or 'repeatability'")
-    return Correction(joints, errors, turn, shift)
+    return Correction(joints, errors, turn, shift, attitude)
 
 
 def _joint_errors(row: Fields, joints: tuple[str, ...]) -> JointErrors:
@@ -156,6 +191,9 @@ def correction_yaml(correction: Correction) -> str:
         found['shift'] = _orders(
             values.reshape(-1, values.shape[-1]), tuple(f'_{c}' for c in COORDINATES)
         )
+    if correction.attitude is not None:
+        rows_9 = correction.attitude.values.reshape(3, 9).tolist()
+        found['attitude'] = dict(zip(COORDINATES, rows_9, strict=True))
     if found:
         top['repeatability'] = found
     return yaml_text(top)

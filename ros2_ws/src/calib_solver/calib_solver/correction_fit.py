@@ -3,8 +3,9 @@
 
 Eq. 12 gives each coordinate's repeatability error as a function of the joints. The functions are
 harmonic series in every joint: `turn`, of what moves the point as that joint does, and `shift`, of
-each coordinate alone. How many orders, and how firmly they are held near zero, is what predicts
-gauge locations left out best; the certified distances are kept in the balance as in eq. 11.
+each coordinate alone; and `attitude`, of how the flange is turned. Which of them, how many orders,
+and how firmly they are held near zero, is what predicts gauge locations left out best; the
+certified distances are kept in the balance as in eq. 11.
 """
 
 from __future__ import annotations
@@ -13,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.correction import Correction, Shift
+from calib_model.correction import Attitude, Correction, Shift
 from calib_model.errors import DataError
 from calib_model.joint_errors import JointErrors, JointTerms, harmonic_basis
+from calib_model.kinematics import forward
 from calib_model.parameters import ParameterTable
 from calib_model.rotation import Array
 from calib_solver.leaving_out import FEWEST_LOCATIONS, Gain, LeavingOut
@@ -23,19 +25,23 @@ from calib_solver.problem import IntArray, Problem
 from calib_solver.sums import accumulate_by, by_joint, point_jacobian
 
 CHOICES = ('off', 'auto', 'harmonic')
-#: orders of `turn` and of `shift` that are tried
-BASES = ((1, 0), (2, 0), (3, 0), (0, 1), (0, 2), (2, 1), (2, 2), (3, 2))
+#: orders of `turn` and of `shift`, and whether with `attitude`, that are tried
+BASES = (
+    (1, 0, 0), (2, 0, 0), (3, 0, 0), (0, 1, 0), (0, 2, 0), (2, 1, 0), (2, 2, 0), (3, 2, 0),
+    (0, 0, 1), (1, 0, 1), (2, 0, 1), (2, 1, 1), (2, 2, 1), (3, 2, 1),
+)  # fmt: skip
 #: how firmly: times the weight that the poses' noise gives a coefficient of these sizes
 STRENGTHS = (1.0, 10.0, 100.0, 1000.0, 10000.0)
 TURN_SIGMA = 1e-4  # rad, of the first order; the k-th has a k-th of it
-SHIFT_SIGMA = 1e-4  # m
+SHIFT_SIGMA = 1e-4  # m, of the attitude's too
 OBJECTIVE = 'distance_repeatability'
 
 
 @dataclass(frozen=True)
 class CorrectionChoice:
-    """What came of eq. 12: the best basis, `turn` and `shift` orders held with `strength`, what it
-    gains on locations left out, and whether the `correction` was `accepted`.
+    """What came of eq. 12: the best basis, `turn` and `shift` orders and whether with `attitude`,
+    held with `strength`, what it gains on locations left out, and whether the `correction` was
+    `accepted`.
 
     `two_sigma` and `distance` are rms (m) over the locations left out, without and with it.
     """
@@ -44,6 +50,7 @@ class CorrectionChoice:
     verdict: str
     turn: int = 0
     shift: int = 0
+    attitude: bool = False
     strength: float = 0.0
     gain: Gain | None = None
     two_sigma: tuple[float, float] | None = None
@@ -75,7 +82,7 @@ def fit_correction(
     if count < FEWEST_LOCATIONS:
         reason = f'{count} locations, expected {FEWEST_LOCATIONS} to judge it by'
         return CorrectionChoice(False, f'correction of eq. 12 refused: {reason}')
-    turns, shifts = (max(orders) for orders in zip(*BASES, strict=True))
+    turns, shifts, _ = (max(orders) for orders in zip(*BASES, strict=True))
     columns = _Columns(table.n, turns, shifts)
 
     def evaluate(rows: IntArray) -> tuple[Array, Array]:
@@ -93,43 +100,55 @@ def fit_correction(
     }
     gains = {key: scores.against(without) for key, scores in found.items()}
     best = min(gains, key=lambda key: gains[key].change)
-    (turn, shift), strength = best
+    basis, strength = best
     gain, scores = gains[best], found[best]
     accepted = gain.convinces or forced
-    what = f'{turn} and {shift} harmonics of each joint for turn and shift, strength {strength:g}'
+    what = f'{_words(*basis)}, strength {strength:g}'
     change = (
         f'locations left out change by {gain.words}, their 2 sigma from '
         f'{without.two_sigma_rms * 1e3:.4f} to {scores.two_sigma_rms * 1e3:.4f} mm rms'
     )
     how = 'accepted' if gain.convinces else 'taken as asked' if forced else 'refused'
-    step = judge.fit(columns.of(turn, shift), strength * columns.information, nothing, judge.whole)
+    verdict = f'correction of eq. 12 {how}: {what}: {change}'
+    step = judge.fit(columns.of(*basis), strength * columns.information, nothing, judge.whole)
     names = problem.measured.arm.joint_names
+    turn, shift, attitude = basis
     return CorrectionChoice(
-        accepted, f'correction of eq. 12 {how}: {what}: {change}', turn, shift, strength, gain,
+        accepted, verdict, turn, shift, bool(attitude), strength, gain,
         (without.two_sigma_rms, scores.two_sigma_rms),
         (without.distance_rms, scores.distance_rms), len(judge.folds),
-        columns.correction(step, turn, shift, names, table.joint_errors(full))
-        if accepted else None,
+        columns.correction(step, basis, names, table.joint_errors(full)) if accepted else None,
     )  # fmt: skip
 
 
+def _words(turn: int, shift: int, attitude: int) -> str:
+    parts = [
+        f'{name} of order {order}' for name, order in (('turn', turn), ('shift', shift)) if order
+    ]
+    return ' and '.join(parts + ['attitude'] * attitude)
+
+
 class _Columns:
-    """The columns of `turn` (2 K n) and behind them of `shift` (2 L 3 n), order by order."""
+    """The columns of `turn` (2 K n), behind them of `shift` (2 L 3 n), order by order, and of
+    `attitude` (27)."""
 
     def __init__(self, n: int, turns: int, shifts: int) -> None:
         self.n, self.turns, self.shifts = n, turns, shifts
         self.first_shift = 2 * turns * n
-        self.count = self.first_shift + 6 * shifts * n
+        self.first_attitude = self.first_shift + 6 * shifts * n
+        self.count = self.first_attitude + 27
         order = np.concatenate([
-            np.repeat(np.arange(1, turns + 1), 2 * n), np.repeat(np.arange(1, shifts + 1), 6 * n)
+            np.repeat(np.arange(1, turns + 1), 2 * n), np.repeat(np.arange(1, shifts + 1), 6 * n),
+            np.ones(27),
         ])  # fmt: skip
         sigma = np.where(np.arange(self.count) < self.first_shift, TURN_SIGMA, SHIFT_SIGMA)
         self.information: Array = (order / sigma) ** 2
 
-    def of(self, turn: int, shift: int) -> IntArray:
+    def of(self, turn: int, shift: int, attitude: int) -> IntArray:
         """The columns of so many orders."""
         shifts = self.first_shift + np.arange(6 * shift * self.n)
-        return np.concatenate([np.arange(2 * turn * self.n), shifts])
+        last = self.first_attitude + np.arange(27 * attitude)
+        return np.concatenate([np.arange(2 * turn * self.n), shifts, last])
 
     def at(
         self, problem: Problem, table: ParameterTable, full: Array, rows: IntArray
@@ -142,19 +161,20 @@ class _Columns:
         by_shift = (
             np.eye(3)[None, :, None, :, None] * basis[:, None, : 2 * self.shifts, None, :]
         )
-        return point, np.concatenate(
-            [by_turn.reshape(len(rows), 3, -1), by_shift.reshape(len(rows), 3, -1)], axis=2
-        )
+        arm, _ = table.apply(full, problem.measured.arm, problem.measured.probe)
+        turned = forward(arm, problem.joints[rows])[:, :3, :3].reshape(-1, 1, 1, 9)
+        parts = (by_turn, by_shift, np.eye(3)[None, :, :, None] * turned)
+        return point, np.concatenate([part.reshape(len(rows), 3, -1) for part in parts], axis=2)
 
     def correction(
         self,
         step: Array,
-        turn: int,
-        shift: int,
+        basis: tuple[int, int, int],
         joint_names: tuple[str, ...],
         joint_errors: JointErrors | None,
     ) -> Correction:
         """The coefficients as a correction."""
+        turn, shift, attitude = basis
         turned = step[: 2 * turn * self.n].reshape(-1, self.n)
         shifted = step[self.first_shift :][: 6 * shift * self.n].reshape(-1, 3, self.n)
         return Correction(
@@ -162,4 +182,5 @@ class _Columns:
             joint_errors,
             JointErrors(JointTerms(turn), turned) if turn else None,
             Shift(shifted) if shift else None,
+            Attitude(step[self.first_attitude :].reshape(3, 3, 3)) if attitude else None,
         )

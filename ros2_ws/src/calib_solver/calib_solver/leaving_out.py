@@ -132,11 +132,14 @@ class LeavingOut:
         prior = self.kappa * information[columns]
         normal = where.normal[np.ix_(columns, columns)] + np.diag(prior)
         gradient = where.gradient[columns] + prior * about[columns]
+        step = np.zeros(len(where.gradient))
+        if (prior > 0).all():
+            step[columns] = -np.linalg.solve(normal, gradient)
+            return step
         scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
         values, vectors = np.linalg.eigh(scale[:, None] * normal * scale)
         kept = values > 1e-13 * values.max(initial=1e-300)
         along = (vectors[:, kept].T @ (scale * gradient)) / values[kept]
-        step = np.zeros(len(where.gradient))
         step[columns] = -scale * (vectors[:, kept] @ along)
         return step
 
