@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from calib_capture.pair import pair
-from calib_capture.program import Planner, ProgramSettings
+from calib_capture.planner import Planner
+from calib_capture.program import ProgramSettings
 from calib_model import cdr
 from calib_model.bag import read_measurement, write_descriptions
 from calib_model.bag_writer import BagWriter
-from calib_model.clock_offset import clock_offset
+from calib_model.clock_offset import WAITING, ClockEstimate, clock_offset
 from calib_model.kinematics import points
 from calib_model.pairing import SECOND, JointSample, Reading, SteadySettings
 from calib_model.placement import placements_yaml
@@ -72,13 +73,54 @@ def touched(arm, probe, gauge, joints, p_base):
     return probe.displacements(p_probe[None], gauge.sphere_diameter)[0]
 
 
+@pytest.fixture(scope='module')
+def in_step(kr5, probe, gauge, postures):
+    """Joints and readings by one clock."""
+    return streams(kr5, probe, gauge, postures, 0.0)
+
+
+def late(in_step, offset):
+    """The same with a probe whose clock is `offset` s behind."""
+    joints, readings = in_step
+    shift = round(offset * SECOND)
+    return joints, [each._replace(stamp=each.stamp - shift) for each in readings]
+
+
 @pytest.mark.parametrize('offset', [0.003, -0.0041, 0.0])
 def test_an_injected_offset_is_found_to_a_fifth_of_a_millisecond(
-    offset, kr5, probe, gauge, postures
+    offset, kr5, probe, gauge, in_step
 ):
-    found = clock_offset(kr5, probe, gauge, *streams(kr5, probe, gauge, postures, offset))
+    found = clock_offset(kr5, probe, gauge, *late(in_step, offset))
     assert abs(found.seconds - offset) < 2e-4
     assert found.standard_uncertainty < 2e-4
+
+
+def test_what_is_told_while_it_goes_on_is_what_is_told_of_the_whole(kr5, probe, gauge, in_step):
+    joints, readings = late(in_step, 0.003)
+    estimate = ClockEstimate(kr5, probe, gauge)
+    assert estimate.estimate() is None
+    told = []
+    for message in sorted([*joints, *readings], key=lambda each: each.stamp):
+        if isinstance(message, Reading):
+            estimate.see_reading(message)
+        else:
+            estimate.see_joints(message)
+        if len(told) < estimate.chunks - 6:
+            told.append(estimate.estimate())
+    estimate.finish()
+    whole = clock_offset(kr5, probe, gauge, joints, readings)
+    assert estimate.estimate().seconds == pytest.approx(whole.seconds, abs=2e-5)
+    assert told
+    assert all(each is None or abs(each.seconds - 0.003) < 5e-4 for each in told)
+
+
+def test_readings_of_another_day_tell_nothing_and_are_not_hoarded(kr5, probe, gauge, in_step):
+    joints, readings = late(in_step, 86400.0)
+    assert clock_offset(kr5, probe, gauge, joints, readings) is None
+    estimate = ClockEstimate(kr5, probe, gauge)
+    for reading in readings:
+        estimate.see_reading(reading)
+    assert len(estimate._waiting) <= WAITING
 
 
 def test_an_arm_that_never_moves_in_contact_tells_nothing(kr5, probe, gauge, postures):
@@ -86,17 +128,17 @@ def test_an_arm_that_never_moves_in_contact_tells_nothing(kr5, probe, gauge, pos
     assert clock_offset(kr5, probe, gauge, *still) is None
 
 
-def test_streams_without_contact_tell_nothing(kr5, probe, gauge, postures):
-    joints, readings = streams(kr5, probe, gauge, postures[:1], 0.003)
+def test_streams_without_contact_tell_nothing(kr5, probe, gauge, in_step):
+    joints, readings = in_step
     away = [reading._replace(status=(1, 1, 1)) for reading in readings]
     assert clock_offset(kr5, probe, gauge, joints, away) is None
 
 
 def test_pair_reports_the_offset_and_corrects_it_when_asked(
-    kr5, probe, gauge, placements, postures, tmp_path
+    kr5, probe, gauge, placements, in_step, tmp_path
 ):
     """Streams in motion throughout, taken for stops: the joints are those of the right instant."""
-    joints, readings = streams(kr5, probe, gauge, postures, 0.003)
+    joints, readings = late(in_step, 0.003)
     with BagWriter(tmp_path / 'raw') as bag:
         write_descriptions(bag, kr5, probe, gauge, T0)
         for each in joints:
