@@ -35,7 +35,9 @@ POSTURES = 100
 EXACT = 1e-9  # m and rad
 
 
-def arm_from_urdf(text: str | bytes, base: str, flange: str, source: str, name: str = '') -> Arm:
+def arm_from_urdf(
+    text: str | bytes, base: str = '', flange: str = '', source: str = 'URDF', name: str = ''
+) -> Arm:
     """The arm of a URDF text, its forward kinematics held against the URDF's.
 
     Raises:
