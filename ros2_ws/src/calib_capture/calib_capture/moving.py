@@ -7,7 +7,6 @@ give the same poses live and from a bag.
 
 from __future__ import annotations
 
-import math
 from bisect import insort
 from collections import deque
 from dataclasses import dataclass
@@ -15,15 +14,13 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from calib_model.pairing import SECOND, JointSample, Reading, Reason, Status, joints_at
+from calib_model.pairing import SECOND, JointSample, Reading, Reason, joints_at, objection
 from calib_model.rotation import Array
 
 STEP_BACK = SECOND  # ns by which stamps fall when a clock was set back or a driver started anew
 LONGEST_WAIT = 60 * SECOND  # ns that one stream waits for the other
 NO_JOINTS = Reason.JOINTS_MISSING.value
 OUT_OF_ORDER = 'out of order'
-NO_NUMBER = 'no number'
-UNKNOWN_STATUS = 'unknown status'
 NO_SPHERE = 'no sphere known there'
 NO_TOUCH = 'no sphere of that diameter touches the tips'
 
@@ -143,7 +140,8 @@ class MovingPairing:
         settled = []
         while self._waiting:
             reading = self._waiting[0]
-            reason = objection(reading)
+            against = objection(reading.status, reading.displacement)
+            reason = against.value if against is not None else ''
             if not reason and not (self._joints and self._joints[-1].stamp >= reading.stamp):
                 if reading.stamp >= self._of_probe.newest - LONGEST_WAIT:
                     break
@@ -169,20 +167,6 @@ class MovingPairing:
         """Drop joint states that readings so far behind will not come for."""
         while len(self._joints) > 1 and self._joints[1].stamp < self._of_arm.newest - LONGEST_WAIT:
             self._joints.popleft()
-
-
-def objection(reading: Reading) -> str:
-    """What speaks against a reading by itself, the gravest first; empty when nothing does."""
-    if any(reading.status):
-        for status, reason in (
-            (Status.OVER_TRAVEL, Reason.OVER_TRAVEL),
-            (Status.NO_CONTACT, Reason.NO_CONTACT),
-            (Status.WEAK_SIGNAL, Reason.WEAK_SIGNAL),
-        ):
-            if status.value in reading.status:
-                return reason.value
-        return UNKNOWN_STATUS
-    return '' if all(math.isfinite(value) for value in reading.displacement) else NO_NUMBER
 
 
 def _stamp(message: JointSample | Reading) -> int:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from bisect import insort
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 from itertools import islice
@@ -37,6 +38,8 @@ class Reason(Enum):
     NO_CONTACT = 'no contact'
     OVER_TRAVEL = 'over-travel'
     WEAK_SIGNAL = 'weak signal'
+    UNKNOWN_STATUS = 'unknown status'
+    NO_NUMBER = 'reading is no number'
     STYLI_UNSTEADY = 'styli not steady'
     ARM_UNSTEADY = 'arm not steady long enough'
     NO_READINGS = 'no probe readings'
@@ -99,6 +102,21 @@ class Reading(NamedTuple):
 
 def _stamp(sample: JointSample | Reading) -> int:
     return sample.stamp
+
+
+def objection(statuses: Iterable[int], displacement: Array) -> Reason | None:
+    """What speaks against readings by themselves, the gravest first; None when nothing does."""
+    found = set(statuses)
+    for status, reason in (
+        (Status.OVER_TRAVEL, Reason.OVER_TRAVEL),
+        (Status.NO_CONTACT, Reason.NO_CONTACT),
+        (Status.WEAK_SIGNAL, Reason.WEAK_SIGNAL),
+    ):
+        if status.value in found:
+            return reason
+    if found != {Status.OK.value}:
+        return Reason.UNKNOWN_STATUS
+    return None if np.isfinite(displacement).all() else Reason.NO_NUMBER
 
 
 def joints_at(samples: list[JointSample], stamp: int, max_gap: float) -> Array | None:
@@ -245,13 +263,11 @@ class Pairing:
         """What speaks against a window's readings, the gravest first."""
         if len(readings) < self.settings.min_readings:
             return Reason.NO_READINGS
-        found = {status for reading in readings for status in reading.status}
-        for status, reason in (
-            (Status.OVER_TRAVEL, Reason.OVER_TRAVEL),
-            (Status.NO_CONTACT, Reason.NO_CONTACT),
-            (Status.WEAK_SIGNAL, Reason.WEAK_SIGNAL),
-        ):
-            if status.value in found:
-                return reason
+        reason = objection(
+            {status for reading in readings for status in reading.status},
+            np.array([reading.displacement for reading in readings]),
+        )
+        if reason is not None:
+            return reason
         spread = np.ptp([reading.displacement for reading in readings], axis=0).max()
         return Reason.STYLI_UNSTEADY if spread > self.settings.max_spread else None

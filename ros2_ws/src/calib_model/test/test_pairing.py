@@ -227,3 +227,18 @@ def test_readings_that_nobody_waits_for_are_forgotten():
     pairing = Pairing(SETTINGS)
     fed(pairing, in_time(still, readings))
     assert len(pairing._readings) < 20
+
+
+@pytest.mark.parametrize(
+    ('spoilt', 'reason'),
+    [
+        (lambda r: r._replace(displacement=np.array([0.0, np.nan, 0.0])), Reason.NO_NUMBER),
+        (lambda r: r._replace(status=(0, 7, 0)), Reason.UNKNOWN_STATUS),
+    ],
+)
+def test_what_a_driver_should_never_send_refuses_its_stop(spoilt, reason):
+    joints, readings = streams(2)
+    sent = [spoilt(r) if ns(0.4) < r.stamp < ns(0.41) else r for r in readings]
+    first, second = fed(Pairing(SETTINGS), in_time(joints, sent))
+    assert first.reason is reason
+    assert isinstance(second, SteadyPose)
