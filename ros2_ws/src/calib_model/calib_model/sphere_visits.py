@@ -113,9 +113,11 @@ class Grouping:
         for place in self._pending:
             if np.linalg.norm(place.center - center) <= self.near:
                 place.add(rows, self._p)
-                return
-        self._pending.append(Place(list(rows), center))
-        begun = self._consistent(self._pending)
+                break
+        else:
+            place = Place(list(rows), center)
+            self._pending.append(place)
+        begun = self._consistent(place)
         if len(begun) >= 2:
             self._begin(begun)
 
@@ -136,13 +138,18 @@ class Grouping:
     def _fits(self, centers: list[Array]) -> bool:
         return bool(self._certificate.matches(np.array(centers), self.near))
 
-    def _consistent(self, pending: list[Place]) -> list[Place]:
-        """The newest place and those before it that stand to it as on the certificate."""
-        begun = [pending[-1]]
-        for place in reversed(pending[:-1]):
+    def _consistent(self, newest: Place) -> list[Place]:
+        """A pending place and those before it that stand to it as on the certificate.
+
+        A single pose may be a wild one: it begins nothing.
+        """
+        begun = [newest] if len(newest.rows) > 1 else []
+        for place in reversed(self._pending):
+            if not begun or place is newest or len(place.rows) < 2:
+                continue
             if self._fits([place.center, *(each.center for each in begun)]):
                 begun.insert(0, place)
-        return begun
+        return [place for place in self._pending if place in begun]
 
     def _begin(self, begun: list[Place]) -> None:
         self._strand([place for place in self._pending if place not in begun])
