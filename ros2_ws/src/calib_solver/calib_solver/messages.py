@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from calib_interfaces.msg import (
@@ -28,8 +29,16 @@ from calib_interfaces.msg import (
     TriedStrength,
     TwoSigmaQuality,
 )
+from geometry_msgs.msg import Point, Vector3
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
 
+from calib_model.topics import Topic
+from calib_solver.markers import Residuals
 from calib_solver.result import Record
+
+LINE_WIDTH = 0.0008  # m
 
 
 def filled(message: Any, record: Record) -> Any:
@@ -120,3 +129,24 @@ def resampling(record: Record) -> Resampling:
     }
     parameters = [filled(ResampledParameter(), one) for one in record['parameters']]
     return filled(Resampling(), {**record, **kinds, 'parameters': parameters})
+
+
+def residual_markers(frame: str, shown: Sequence[Residuals]) -> MarkerArray:
+    """Residuals for RViz and Foxglove, in place of all that were there before."""
+    header = Header(frame_id=frame)
+    markers = [Marker(header=header, action=Marker.DELETEALL)]
+    for number, one in enumerate(shown):
+        red, green, blue, opacity = one.color
+        marker = Marker(
+            header=header, ns=one.name, id=number, type=Marker.LINE_LIST, action=Marker.ADD,
+            scale=Vector3(x=LINE_WIDTH), color=ColorRGBA(r=red, g=green, b=blue, a=opacity),
+            points=[Point(x=x, y=y, z=z) for x, y, z in one.points.tolist()],
+        )  # fmt: skip
+        marker.pose.orientation.w = 1.0
+        markers.append(marker)
+    return MarkerArray(markers=markers)
+
+
+def qos_of(topic: Topic) -> QoSProfile:
+    """The profile that a latched topic is published with."""
+    return QoSProfile(depth=topic.depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)

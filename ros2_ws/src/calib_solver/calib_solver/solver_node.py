@@ -11,16 +11,19 @@ from calib_interfaces.srv import Evaluate, FitProbe, Identify
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
+from visualization_msgs.msg import MarkerArray
 
 from calib_model.command import run_command
 from calib_model.errors import CalibrationError
 from calib_model.parameters_node import Parameters
 from calib_model.run_node import NodeCommand, run_node
+from calib_model.topics import SOLVER_MARKERS
 from calib_solver import messages
 from calib_solver.evaluate import evaluation_record
 from calib_solver.fitting import fit_from
-from calib_solver.identification import Options
+from calib_solver.identification import Identification, Options
 from calib_solver.loading import Effort, Sources, bag_list, calibrate
+from calib_solver.markers import residuals
 from calib_solver.prior import chosen_prior
 from calib_solver.resampling import Plan
 
@@ -32,9 +35,21 @@ ros2 run calib_solver solver
 THREADS = 4
 
 
-def read_parameters(node: Any) -> Parameters:
-    """Declare the solver's parameters on `node`, a Node or a Sheet."""
-    return Parameters(node)
+MAGNIFIED = 'how many times larger than they are residuals are shown on /solver/markers'
+
+
+def _nothing(_: float) -> None:
+    """What a change does to no node."""
+
+
+def read_parameters(node: Any, on_magnification: Callable[[float], None] = _nothing) -> float:
+    """Declare the solver's parameters on `node`, a Node or a Sheet; returns the magnification.
+
+    Raises:
+        ParameterError: it cannot be used.
+    """
+    parameters = Parameters(node)
+    return parameters.number('magnification', 500.0, MAGNIFIED, 1.0, 1e6, on_magnification)
 
 
 class SolverNode(Node):
@@ -42,6 +57,11 @@ class SolverNode(Node):
 
     def __init__(self) -> None:
         super().__init__('solver')
+        self._magnification = read_parameters(self, self._magnify)
+        self._last: Identification | None = None
+        self._markers = self.create_publisher(
+            MarkerArray, SOLVER_MARKERS.name, messages.qos_of(SOLVER_MARKERS)
+        )
         group = ReentrantCallbackGroup()
         services = (
             (Identify, 'identify', self._identify),
@@ -105,6 +125,18 @@ class SolverNode(Node):
         response.warnings = record['warnings']
         response.written = [str(path) for path in finished.written]
         response.message = finished.verdict
+        self._show(finished.done)
+
+    def _magnify(self, magnification: float) -> None:
+        self._magnification = magnification
+        if self._last is not None:
+            self._show(self._last)
+
+    def _show(self, done: Identification) -> None:
+        """Every pose's residual before and after, magnified."""
+        self._last = done
+        shown = residuals(done.problem, done.initial, done.identified, self._magnification)
+        self._markers.publish(messages.residual_markers(done.arm.base_frame, shown))
 
     def _fit_probe(self, request: FitProbe.Request, response: FitProbe.Response) -> None:
         fitted = fit_from(_sources(request), request.output)
