@@ -123,11 +123,20 @@ def test_without_an_output_nothing_is_written(ros2_run, files, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_figures_are_drawn_beside_the_results_and_only_there(ros2_run, files, tmp_path):
-    done = ros2_run('identify', files / 'bag', '--figures', '--output', tmp_path)
+def test_the_report_s_figures_are_drawn_as_pictures_where_they_are_asked_for(
+    ros2_run, files, tmp_path
+):
+    done = ros2_run(
+        'identify', files / 'bag', '--test', files / 'test', '--figures', tmp_path / 'pictures',
+        '--output', tmp_path / 'out',
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / 'before_and_after.png').read_bytes().startswith(b'\x89PNG')
-    one_line(ros2_run('identify', files / 'bag', '--figures'), '--figures needs --output')
+    report = (tmp_path / 'out' / 'report.html').read_text()
+    drawn = sorted((tmp_path / 'pictures').iterdir())
+    assert len(drawn) == report.count('<figure') + 1
+    assert all(path.read_bytes().startswith(b'\x89PNG') for path in drawn)
+    assert (tmp_path / 'pictures' / 'before_and_after.png') in drawn
+    one_line(ros2_run('identify', files / 'bag', '--figures', files / 'taken'), 'taken')
 
 
 BAD = {

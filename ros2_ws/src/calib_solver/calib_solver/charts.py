@@ -1,116 +1,175 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Small SVG charts for the report: they take the page's colours, in light and in dark."""
+"""What a chart of the report shows, apart from how it is drawn: once as SVG, once as PNG."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 from math import ceil, floor, log10
 
 import numpy as np
 
 from calib_model.rotation import Array
 
-WIDTH, HEIGHT = 460.0, 250.0
-LEFT, RIGHT, TOP, BOTTOM = 58.0, 12.0, 10.0, 42.0
+#: what a series stands for decides its colour and its mark, in the page and in the pictures
+ROLES = (
+    'before', 'after', 'held', 'x', 'y', 'z',
+    'level1', 'level2', 'level3', 'level4', 'level5',
+)  # fmt: skip
+#: outlines in drawing units: most charts, clouds, one per joint, views of the workspace
+SHAPES = {
+    'wide': (460.0, 270.0),
+    'square': (300.0, 300.0),
+    'small': (300.0, 190.0),
+    'view': (460.0, 380.0),
+}
+#: superscripts
+RAISED = str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹')
 
 
 @dataclass(frozen=True)
 class Series:
-    """Points x (K,), y (K,) drawn with CSS class `style`; `joined` draws a line through them."""
+    """Points x (K,), y (K,) of one of `ROLES`; `joined` draws a line through them, `fine` makes
+    dots small enough for thousands."""
 
     x: Array
     y: Array
-    style: str
+    role: str
     label: str = ''
     joined: bool = False
+    fine: bool = False
 
 
-class Axis:
-    """From data to pixels along one axis, linear or logarithmic, with round ticks."""
+@dataclass(frozen=True)
+class Band:
+    """A stretch of the x axis with a name under it, as one gauge location's spheres."""
 
-    def __init__(self, values: Array, begin: float, end: float, logarithmic: bool) -> None:
-        self.begin, self.end, self.logarithmic = begin, end, logarithmic
-        self.low: float
-        self.high: float
-        values = values[np.isfinite(values)]
-        if logarithmic:
-            values = values[values > 0]
-            low, high = (values.min(), values.max()) if len(values) else (0.1, 1.0)
-            self.low, self.high = floor(log10(low)), max(ceil(log10(high)), floor(log10(low)) + 1)
-            self.ticks = [10.0**k for k in range(int(self.low), int(self.high) + 1)]
-        else:
-            low, high = (values.min(), values.max()) if len(values) else (0.0, 1.0)
-            step = _round_step((high - low) / 4 or abs(high) or 1.0)
-            self.low, self.high = floor(low / step) * step, ceil(high / step) * step
-            self.high += step if self.high <= self.low else 0.0
-            count = round((self.high - self.low) / step)
-            self.ticks = [self.low + step * k for k in range(count + 1)]
+    begin: float
+    end: float
+    name: str
 
-    def place(self, value: Array) -> Array:
-        """Pixels of data values."""
+
+@dataclass(frozen=True)
+class Note:
+    """A short text, its middle at a point."""
+
+    x: float
+    y: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Chart:
+    """One figure: `name` is its file's, `says` what is to be read from it, in a sentence or none.
+
+    `bands` take the place of numbers along the x axis; `equal` gives both axes one scale.
+    """
+
+    name: str
+    title: str
+    says: str
+    x_label: str
+    y_label: str
+    series: tuple[Series, ...]
+    shape: str = 'wide'
+    logarithmic: bool = False
+    equal: bool = False
+    bands: tuple[Band, ...] = ()
+    notes: tuple[Note, ...] = ()
+
+    @property
+    def x(self) -> Array:
+        """Every finite x of the series and bands."""
+        ends = [np.array([band.begin, band.end]) for band in self.bands]
+        return _finite([*(one.x for one in self.series), *ends])
+
+    @property
+    def y(self) -> Array:
+        """Every finite y of the series."""
+        return _finite([one.y for one in self.series])
+
+
+def _finite(parts: list[Array]) -> Array:
+    values = np.concatenate([np.asarray(part, dtype=float) for part in parts])
+    return values[np.isfinite(values)]
+
+
+@dataclass(frozen=True)
+class Range:
+    """From where to where an axis goes, in its own or in decades, and where its ticks are."""
+
+    low: float
+    high: float
+    ticks: tuple[float, ...]
+    logarithmic: bool = False
+
+    def share(self, value: Array) -> Array:
+        """Where values are between the ends, 0 to 1."""
         if self.logarithmic:
             value = np.log10(np.maximum(value, 10.0**self.low))
-        share = (value - self.low) / (self.high - self.low)
-        placed: Array = self.begin + share * (self.end - self.begin)
-        return placed
+        share: Array = (value - self.low) / (self.high - self.low)
+        return share
 
 
-def _round_step(size: float) -> float:
+def linear(values: Array, most: int = 5) -> Range:
+    """Round ends around the values."""
+    low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
+    step = round_step((high - low) / (most - 1) or abs(high) or 1.0)
+    if np.array_equal(values, np.round(values)):
+        step = max(step, 1.0)
+    first, last = floor(low / step + 1e-9), ceil(high / step - 1e-9)
+    last += last <= first
+    ticks = tuple(step * k for k in range(first, last + 1))
+    return Range(step * first, step * last, ticks)
+
+
+def decades(values: Array) -> Range:
+    """Whole decades around the values; where there is but one, 2 and 5 are marked, too."""
+    values = values[values > 0]
+    low, high = (values.min(), values.max()) if len(values) else (0.1, 1.0)
+    first = floor(log10(low) + 1e-9)
+    last = max(ceil(log10(high) - 1e-9), first + 1)
+    marks = (1.0, 2.0, 5.0) if last - first == 1 else (1.0,)
+    every = 1 + (last - first - 1) // 7
+    ticks = [10.0**k * mark for k in range(first, last, every) for mark in marks]
+    return Range(first, last, (*ticks, 10.0**last), True)
+
+
+def spanning(low: float, high: float, most: int = 5) -> Range:
+    """Exactly from `low` to `high`, with the round ticks that are between."""
+    step = round_step((high - low) / (most - 1))
+    ticks = [step * k for k in range(ceil(low / step - 1e-9), floor(high / step + 1e-9) + 1)]
+    return Range(low, high, tuple(ticks))
+
+
+def ranges(chart: Chart, width: float, height: float) -> tuple[Range, Range]:
+    """The axes of a chart whose plot is `width` by `height`."""
+    if chart.equal:
+        return _equal(chart, width, height)
+    x = chart.x
+    across = spanning(x.min(), x.max()) if chart.bands else linear(x)
+    return across, decades(chart.y) if chart.logarithmic else linear(chart.y)
+
+
+def _equal(chart: Chart, width: float, height: float) -> tuple[Range, Range]:
+    x, y = chart.x, chart.y
+    unit = 1.08 * max(np.ptp(x) / width, np.ptp(y) / height) or 1.0
+    found = []
+    for values, size in ((x, width), (y, height)):
+        middle = (values.min() + values.max()) / 2
+        found.append(spanning(middle - unit * size / 2, middle + unit * size / 2))
+    return found[0], found[1]
+
+
+def round_step(size: float) -> float:
+    """The next of 1, 2, 5 times a power of ten."""
     power = 10.0 ** floor(log10(size))
     return float(next(power * k for k in (1, 2, 5, 10) if power * k >= size * 0.999))
 
 
-def chart(
-    series: Sequence[Series], title: str, x_label: str, y_label: str, logarithmic: bool = False
-) -> str:
-    """A chart of one or several series with its title as a figure."""
-    x_axis = Axis(np.concatenate([s.x for s in series]), LEFT, WIDTH - RIGHT, False)
-    y_values = np.concatenate([s.y for s in series])
-    y_axis = Axis(y_values, HEIGHT - BOTTOM, TOP, logarithmic)
-    parts = [_grid(x_axis, y_axis, x_label, y_label)]
-    for one in series:
-        parts.append(_drawn(one, x_axis, y_axis))
-    legend = ''.join(
-        f'<span class="key {s.style}">{escape(s.label)}</span>' for s in series if s.label
-    )
-    return (
-        f'<figure><figcaption>{escape(title)} {legend}</figcaption>'
-        f'<svg viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" aria-label="{escape(title)}">'
-        f'{"".join(parts)}</svg></figure>'
-    )
-
-
-def _grid(x_axis: Axis, y_axis: Axis, x_label: str, y_label: str) -> str:
-    bottom = HEIGHT - BOTTOM
-    parts = []
-    for tick in x_axis.ticks:
-        x = float(x_axis.place(np.array(tick)))
-        parts.append(f'<line class="grid" x1="{x:.1f}" x2="{x:.1f}" y1="{TOP}" y2="{bottom}"/>')
-        parts.append(f'<text x="{x:.1f}" y="{bottom + 15}" text-anchor="middle">{tick:.4g}</text>')
-    for tick in y_axis.ticks:
-        y = float(y_axis.place(np.array(tick)))
-        line = f'x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y:.1f}" y2="{y:.1f}"'
-        parts.append(f'<line class="grid" {line}/>')
-        parts.append(f'<text x="{LEFT - 5}" y="{y + 4:.1f}" text-anchor="end">{tick:.4g}</text>')
-    middle = (LEFT + WIDTH - RIGHT) / 2
-    place = f'x="{middle}" y="{HEIGHT - 8}" text-anchor="middle"'
-    parts.append(f'<text {place}>{escape(x_label)}</text>')
-    height = (TOP + bottom) / 2
-    parts.append(
-        f'<text transform="rotate(-90 12 {height})" x="12" y="{height}" text-anchor="middle">'
-        f'{escape(y_label)}</text>'
-    )
-    return ''.join(parts)
-
-
-def _drawn(one: Series, x_axis: Axis, y_axis: Axis) -> str:
-    shown = np.isfinite(one.x) & np.isfinite(one.y)
-    xs, ys = x_axis.place(one.x[shown]), y_axis.place(one.y[shown])
-    if one.joined:
-        points = ' '.join(f'{x:.1f},{y:.1f}' for x, y in zip(xs, ys, strict=True))
-        return f'<polyline class="{one.style}" points="{points}"/>'
-    # one path of round dots is a tenth of the size of a circle each
-    dots = ''.join(f'M{x:.1f} {y:.1f}h0' for x, y in zip(xs, ys, strict=True))
-    return f'<path class="dots {one.style}" d="{dots}"/>'
+def tick_text(value: float) -> str:
+    """A tick's number, short: far from one as a power of ten, which such ticks are."""
+    if value and not 1e-4 < abs(value) < 1e5:
+        power = round(log10(abs(value)))
+        if abs(value) == 10.0**power:
+            return f'10{str(power).translate(RAISED)}'
+    return f'{0.0 if abs(value) < 1e-15 else value:.4g}'.replace('-', '\u2212')

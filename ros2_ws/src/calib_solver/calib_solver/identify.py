@@ -128,8 +128,9 @@ def arguments() -> CommandParser:
     )
     parser.add_argument(
         '--figures',
-        action='store_true',
-        help='draw before_and_after.png into the folder of --output too',
+        default='',
+        metavar='DIR',
+        help="draw the report's figures there as PNG, and before_and_after.png",
     )
     add_raw_arguments(parser)
     return parser
@@ -142,8 +143,6 @@ def run(argv: Sequence[str] | None = None) -> Calibration:
         CalibrationError: anything that keeps it from being done.
     """
     given = arguments().parse_args(argv)
-    if given.figures and not given.output:
-        raise UsageError('--figures needs --output DIR, where they are drawn')
     if given.urdf and not given.output:
         raise UsageError('--urdf needs --output DIR, where robot.urdf is written')
     urdf = read_urdf(given.urdf) if given.urdf else b''
@@ -168,7 +167,7 @@ def run(argv: Sequence[str] | None = None) -> Calibration:
         # matplotlib takes longer to load than everything else together
         from calib_solver.figures import save_figures
 
-        drawn = save_figures(finished.done, given.output)
+        drawn = save_figures(finished.done, given.figures, finished.held_out)
         finished = replace(finished, written=(*finished.written, *drawn))
     if given.urdf:
         path = write_corrected_urdf(

@@ -20,12 +20,14 @@ from calib_model.progress import Pace, Progress
 from calib_model.raw_measurement import Instruments, RawChoice
 from calib_solver.cluster import connected
 from calib_solver.compiled import threads
+from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification, Options, identify
 from calib_solver.parallel import Spread, in_processes
 from calib_solver.problem import Problem
 from calib_solver.quality import ProbedSpheres, Quality, assess
 from calib_solver.raw_bags import Part, RawSpheres, read_part
 from calib_solver.report import report_html
+from calib_solver.report_instruments import Inputs
 from calib_solver.resampling import Plan, Resampled, refuse_plan, resample
 from calib_solver.result import Record, result_record, write_results
 
@@ -162,15 +164,24 @@ def _joined(parts: Sequence[Measurement]) -> tuple[Measurement, list[int]]:
 
 @dataclass(frozen=True)
 class Calibration:
-    """A finished `identify`: the identification, the held-out qualities, the record, the files;
-    `notes` say what was made of bags without poses."""
+    """A finished `identify`: the identification, what was held out, the record, the files; `notes`
+    say what was made of bags without poses."""
 
     done: Identification
-    test_initial: Quality | None
-    test: Quality | None
+    held_out: HeldOut | None
     record: Record
     written: tuple[Path, ...]
     notes: tuple[str, ...] = ()
+
+    @property
+    def test_initial(self) -> Quality | None:
+        """The quality of the parameters started from on what was held out."""
+        return self.held_out.initial if self.held_out is not None else None
+
+    @property
+    def test(self) -> Quality | None:
+        """The quality of the identified parameters on what was held out."""
+        return self.held_out.identified if self.held_out is not None else None
 
     @property
     def verdict(self) -> str:
@@ -209,20 +220,25 @@ def calibrate(
     effort = effort or Effort()
     unseen = load_all(replace(sources, bags=tuple(test)), effort.reading) if test else None
     loaded, done, resampled = _identified(load_all(sources, effort.reading), options, effort)
-    before = after = None
-    notes = loaded.lines
+    held_out, notes = None, loaded.lines
     if unseen is not None:
         unseen = unseen.told_with(done.arm, done.probe, done.model)
+        held_out = HeldOut.by(unseen.measured, done)
         notes = (*notes, *unseen.lines)
-        problem, measured = Problem.of(unseen.measured), done.problem.measured
-        before = assess(problem, measured.arm, measured.probe)
-        after = assess(problem, done.arm, done.probe)
-    record = result_record(done, after, resampled)
+    record = result_record(done, held_out, resampled)
     written: list[Path] = []
     if output:
-        report = report_html(done, record, sources.bags, test, before, after)
+        report = report_html(done, record, _inputs(sources, test), held_out)
         written = write_results(output, done, record, report)
-    return Calibration(done, before, after, record, tuple(written), notes)
+    return Calibration(done, held_out, record, tuple(written), notes)
+
+
+def _inputs(sources: Sources, test: Sequence[str]) -> Inputs:
+    """The files that the report names."""
+    given = {'arm': sources.arm, 'probe': sources.probe, 'gauge': sources.gauge}
+    return Inputs(
+        sources.bags, tuple(test), tuple((of, path) for of, path in given.items() if path)
+    )  # fmt: skip
 
 
 def _identified(

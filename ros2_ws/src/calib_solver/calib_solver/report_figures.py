@@ -1,115 +1,206 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The report's charts, from an identification."""
+"""The report's charts of an identification: errors, residuals, convergence."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib_model.rotation import Array
-from calib_solver.charts import Series, chart
+from calib_solver.charts import Band, Chart, Series
+from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
+from calib_solver.measuring_arm import lengths
 from calib_solver.quality import Quality
-from calib_solver.workspace import over_workspace
 
 #: more dots than this say no more and only make the page heavy
-MOST_DOTS = 3000
+MOST_DOTS = 1500
 LEAST = 1e-7  # mm: keeps a perfect value on a logarithmic axis
+JOINT_BINS = 24
+AXES = 'XYZ'
 
 
-def all_figures(done: Identification, test: Quality | None) -> list[str]:
-    """Every chart that has something to show."""
-    deviation = done.identified.deviation * 1e3
-    figures = [*_distances(done, test), _two_sigma(done), *_clouds(deviation), _convergence(done)]
-    figures += [*_workspace(done), _uncertainty(done)]
-    return figures + _against_joints(done, deviation)
+def thinned(count: int, most: int = MOST_DOTS) -> NDArray[np.int64]:
+    """At most `most` of `count` rows, evenly spread."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))
+
+
+def quality_charts(done: Identification, held_out: HeldOut | None) -> list[Chart]:
+    """Distance errors by pair, 2 sigma by sphere and coordinate, lengths of single probings."""
+    charts = [_two_sigma(done, held_out), _coordinates(done, held_out)]
+    return [*_distances(done, held_out), *charts, *_lengths(done, held_out)]
+
+
+def residual_charts(done: Identification, held_out: HeldOut | None) -> list[Chart]:
+    """Clouds of the poses' deviations from their spheres' means."""
+    return [
+        _cloud(done, held_out, first, second) for first, second in ((0, 1), (0, 2), (1, 2))
+    ]  # fmt: skip
 
 
 def _mm(values: Array) -> Array:
     return np.maximum(np.abs(values) * 1e3, LEAST)
 
 
-def _thinned(count: int) -> np.ndarray:
-    return np.unique(np.linspace(0, count - 1, min(count, MOST_DOTS)).astype(int))
+def _bands(done: Identification, held_out: HeldOut | None, of: str) -> tuple[Band, ...]:
+    """The locations along the axis, the held-out ones behind the others."""
+    bands: list[Band] = []
+    parts = [(done.identified, '')]
+    if held_out is not None:
+        parts.append((held_out.identified, ' held out'))
+    for quality, suffix in parts:
+        rows = quality.pairs[:, 0] if of == 'pairs' else np.arange(len(quality.spheres.keys))
+        location = quality.spheres.keys[rows, 0]
+        for number in dict.fromkeys(location.tolist()):
+            begin = bands[-1].end if bands else 0.0
+            end = begin + int((location == number).sum())
+            bands.append(Band(begin, end, f'{number}{suffix}'))
+    return tuple(bands)
 
 
-def _distances(done: Identification, test: Quality | None) -> list[str]:
-    if len(done.identified.distance) == 0:
+def _series(
+    done: Identification, held_out: HeldOut | None, values: dict[int, Array]
+) -> tuple[Series, ...]:
+    """Initial, identified and held-out `values`, by the id of the quality, one after the other."""
+    first = values[id(done.identified)]
+    order: Array = np.arange(len(first), dtype=np.float64) + 0.5
+    series = [
+        Series(order, _mm(values[id(done.initial)]), 'before', 'initial'),
+        Series(order, _mm(first), 'after', 'identified'),
+    ]
+    if held_out is not None:
+        after = values[id(held_out.identified)]
+        order = len(first) + np.arange(len(after), dtype=np.float64) + 0.5
+        series.append(Series(order, _mm(values[id(held_out.initial)]), 'before', 'initial'))
+        series.append(Series(order, _mm(after), 'held', 'held out, identified'))
+    return tuple(series)
+
+
+def _qualities(done: Identification, held_out: HeldOut | None) -> list[Quality]:
+    more = [] if held_out is None else [held_out.initial, held_out.identified]
+    return [done.initial, done.identified, *more]
+
+
+def _distances(done: Identification, held_out: HeldOut | None) -> list[Chart]:
+    values = {id(q): q.distance for q in _qualities(done, held_out)}
+    if not any(len(errors) for errors in values.values()):
         return []
-    order = np.arange(1, len(done.identified.distance) + 1, dtype=float)
-    series = [
-        Series(order, _mm(done.initial.distance), 'before', 'initial'),
-        Series(order, _mm(done.identified.distance), 'after', 'identified'),
-    ]
-    if test is not None and len(test.distance):
-        held = order[-1] + 1 + np.arange(len(test.distance), dtype=float)
-        series.append(Series(held, _mm(test.distance), 'held', 'held-out'))
-    title = 'Distance error of each pair of spheres'
-    return [chart(series, title, 'pair, location by location', 'mm', True)]
+    return [Chart(
+        'distance_errors',
+        'Distance errors',
+        'Error of the measured distance of each pair of spheres against the certificate (eq. 7).',
+        'location, each with its pairs of spheres', 'mm',
+        _series(done, held_out, values), logarithmic=True, bands=_bands(done, held_out, 'pairs'),
+    )]  # fmt: skip
 
 
-def _two_sigma(done: Identification) -> str:
-    order = np.arange(1, len(done.problem.keys) + 1, dtype=float)
-    series = [
-        Series(order, _mm(quality.spheres.two_sigma.max(axis=1)), style, label)
-        for quality, style, label in (
-            (done.initial, 'before', 'initial'),
-            (done.identified, 'after', 'identified'),
-        )
-    ]
-    title = '2 sigma of each sphere, its worst coordinate'
-    return chart(series, title, 'sphere, location by location', 'mm', True)
+def _two_sigma(done: Identification, held_out: HeldOut | None) -> Chart:
+    values = {id(q): q.spheres.two_sigma.max(axis=1) for q in _qualities(done, held_out)}
+    return Chart(
+        'two_sigma',
+        '2 sigma by sphere',
+        'Repeatability of each probed sphere in its worst coordinate (eq. 8).',
+        'location, each with its spheres', 'mm',
+        _series(done, held_out, values), logarithmic=True, bands=_bands(done, held_out, 'spheres'),
+    )  # fmt: skip
 
 
-def _clouds(deviation: Array) -> list[str]:
-    shown = deviation[_thinned(len(deviation))]
+def _coordinates(done: Identification, held_out: HeldOut | None) -> Chart:
+    parts = [done.identified.spheres.two_sigma]
+    if held_out is not None:
+        parts.append(held_out.identified.spheres.two_sigma)
+    values = np.concatenate(parts) * 1e3
+    order: Array = np.arange(len(values), dtype=np.float64) + 0.5
+    return Chart(
+        'two_sigma_coordinates',
+        '2 sigma by coordinate',
+        'Identified parameters; coordinates of the arm base frame. A coordinate that is always '
+        'the largest says from where the arm is bent or pressed.',
+        'location, each with its spheres', 'mm',
+        tuple(Series(order, values[:, i], 'xyz'[i], AXES[i]) for i in range(3)),
+        bands=_bands(done, held_out, 'spheres'),
+    )  # fmt: skip
+
+
+def _lengths(done: Identification, held_out: HeldOut | None) -> list[Chart]:
+    """Deviations of the lengths between single probings against the certified length."""
+    series = []
+    parts = [('after', 'identified', done.identified)]
+    if held_out is not None:
+        parts.insert(0, ('held', 'held out, identified', held_out.identified))
+    for role, label, quality in parts:
+        found = lengths(quality)
+        if len(found.pair):
+            shown = thinned(len(found.pair))
+            nominal = quality.nominal[found.pair[shown]] * 1e3
+            series.append(Series(nominal, found.deviation[shown] * 1e3, role, label, fine=True))
+    if not series:
+        return []
+    return [Chart(
+        'lengths',
+        'Lengths between single probings',
+        'Measured minus certified, each between one pose on either sphere; what grows with the '
+        'length is an error of the arm\u2019s size.',
+        'certified length, mm', 'mm',
+        tuple(series),
+    )]  # fmt: skip
+
+
+def _cloud(done: Identification, held_out: HeldOut | None, first: int, second: int) -> Chart:
+    series = []
+    named = [('held', 'held out', held_out.identified)] if held_out is not None else []
+    for role, label, quality in [*named, ('after', 'identified', done.identified)]:
+        shown = quality.deviation[thinned(len(quality.deviation))] * 1e3
+        series.append(Series(shown[:, first], shown[:, second], role, label, fine=True))
+    return Chart(
+        f'residuals_{"xyz"[first]}{"xyz"[second]}',
+        f'Residuals in {AXES[first]} and {AXES[second]}',
+        '',
+        f'{AXES[first]}, mm', f'{AXES[second]}, mm',
+        tuple(series), shape='square', equal=True,
+    )  # fmt: skip
+
+
+def joint_charts(done: Identification) -> list[Chart]:
+    """The size of the residuals against the angle of each joint."""
+    size = np.linalg.norm(done.identified.deviation, axis=1) * 1e3
+    shown = thinned(len(size))
     return [
-        chart(
-            [Series(shown[:, first], shown[:, second], 'after')],
-            f"Deviations from the spheres' means, {'XYZ'[first]} and {'XYZ'[second]}",
-            f'{"XYZ"[first]}, mm',
-            f'{"XYZ"[second]}, mm',
+        Chart(
+            f'joint_{i}',
+            name,
+            '',
+            'angle, °', 'mm',
+            (
+                Series(q[shown], size[shown], 'after', fine=True),
+                Series(*_rms_by_angle(q, size), 'held', joined=True),
+            ),
+            shape='small',
         )
-        for first, second in ((0, 1), (0, 2))
-    ]
+        for i, (name, q) in enumerate(
+            zip(done.arm.joint_names, np.degrees(done.problem.joints).T, strict=True), start=1
+        )
+    ]  # fmt: skip
 
 
-def _convergence(done: Identification) -> str:
-    history = np.array([done.fit.phi_initial, *done.fit.history[1:], done.fit.quadratic.phi])
+def _rms_by_angle(q: Array, size: Array) -> tuple[Array, Array]:
+    """Middles (B,) of bins of equally many poses along a joint, and the rms in each."""
+    order = np.argsort(q)
+    bins = np.array_split(order, max(1, min(JOINT_BINS, len(q) // 5)))
+    middle = np.array([q[rows].mean() for rows in bins])
+    return middle, np.array([np.sqrt(np.mean(size[rows] ** 2)) for rows in bins])
+
+
+def convergence_chart(done: Identification) -> Chart:
+    """The objective, step by step."""
+    history = np.array([*done.fit.history, done.fit.quadratic.phi])
     steps = np.arange(len(history), dtype=float)
-    series = [Series(steps, np.maximum(history * 1e6, 1e-30), 'after', joined=True)]
-    return chart(series, 'The objective on its way down', 'step', 'mm²', True)
-
-
-def _workspace(done: Identification) -> list[str]:
-    center = done.identified.spheres.center
-    return [
-        chart(
-            [Series(center[:, first], center[:, second], 'after')],
-            f'Where the spheres were, {view}',
-            f'{"XYZ"[first]}, m',
-            f'{"XYZ"[second]}, m',
-        )
-        for first, second, view in ((0, 1, 'from above'), (0, 2, 'from the side'))
-    ]
-
-
-def _uncertainty(done: Identification) -> str:
-    sure = np.sort(over_workspace(done).position) * 1e3
-    share = 100 * np.arange(1, len(sure) + 1) / len(sure)
-    series = [Series(np.maximum(sure, 0.0), share, 'after', joined=True)]
-    title = 'Standard uncertainty of a position over the workspace'
-    return chart(series, title, 'mm', '% of postures below')
-
-
-def _against_joints(done: Identification, deviation: Array) -> list[str]:
-    size = np.linalg.norm(deviation, axis=1)
-    shown = _thinned(len(size))
-    return [
-        chart(
-            [Series(np.degrees(q[shown]), size[shown], 'after')],
-            f'Deviation against {name}',
-            '°',
-            'mm',
-        )
-        for name, q in zip(done.arm.joint_names, done.problem.joints.T, strict=True)
-    ]
+    values = np.maximum(history * 1e6, 1e-30)
+    return Chart(
+        'convergence',
+        'Convergence',
+        'The objective, step by step, from the initial parameters to the last fit.',
+        'step', 'mm²',
+        (Series(steps, values, 'after', joined=True), Series(steps, values, 'after')),
+        logarithmic=True,
+    )  # fmt: skip

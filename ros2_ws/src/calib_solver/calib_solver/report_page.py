@@ -1,41 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The page around the report: one file, no network, light and dark, fit to print."""
+"""The parts a report's page is made of: one file, no network, no script."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from html import escape
 
-STYLE = """
-:root { color-scheme: light dark; --paper: #fff; --ink: #1b1f24; --faint: #6a737d; --rule: #d9dde2;
-  --before: #9a9a9a; --after: #0b62a4; --held: #b35900; --warn: #fff3cd; --warn-ink: #5c4400; }
-@media (prefers-color-scheme: dark) { :root { --paper: #14171a; --ink: #e4e7ea; --faint: #98a2ac;
-  --rule: #353b41; --before: #7d838a; --after: #58b0f2; --held: #f0a35a; --warn: #40340c;
-  --warn-ink: #ffe9a8; } }
-@media print { :root { --paper: #fff; --ink: #000; --faint: #444; --rule: #bbb; --before: #8a8a8a;
-  --after: #0b62a4; --held: #b35900; --warn: #fff3cd; --warn-ink: #000; }
-  figure, tr { break-inside: avoid; } }
-* { box-sizing: border-box; }
-body { margin: 0 auto; padding: 1.2rem; max-width: 64rem; background: var(--paper);
-  color: var(--ink); font: 15px/1.45 system-ui, sans-serif; overflow-wrap: anywhere; }
-h1 { font-size: 1.5rem; margin: 0 0 .2rem; } h2 { font-size: 1.1rem; margin: 1.8rem 0 .5rem; }
-p { margin: .4rem 0; } .faint { color: var(--faint); }
-.warning { background: var(--warn); color: var(--warn-ink); padding: .5rem .8rem; margin: .4rem 0; }
-.scroll { overflow-x: auto; } table { border-collapse: collapse; width: 100%; }
-th, td { text-align: left; padding: .25rem .6rem .25rem 0; border-bottom: 1px solid var(--rule);
-  vertical-align: top; } td.number, th.number { text-align: right; white-space: nowrap;
-  font-variant-numeric: tabular-nums; }
-.charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 27rem), 1fr));
-  gap: 1rem; } figure { margin: 0; } figcaption { font-size: .9rem; }
-svg { width: 100%; height: auto; } svg text { fill: var(--faint); font-size: 11px; }
-.grid { stroke: var(--rule); stroke-width: .6; }
-.dots { fill: none; stroke-linecap: round; stroke-width: 3.2; stroke-opacity: .75; }
-polyline { fill: none; stroke-width: 1.6; }
-.before { stroke: var(--before); } .after { stroke: var(--after); } .held { stroke: var(--held); }
-.key { margin-left: .7em; } .key::before { content: '\\25CF'; margin-right: .25em; }
-.key.before::before { color: var(--before); } .key.after::before { color: var(--after); }
-.key.held::before { color: var(--held); }
-"""
+from calib_solver.chart_svg import figure
+from calib_solver.charts import Chart
+from calib_solver.report_style import STYLE
+
+MM, DEGREE = 1e3, 57.29577951308232
+#: for people: the factor from SI and the unit's name
+UNITS = {'m': (MM, 'mm'), 'rad': (DEGREE, '°'), 'rad/(N m)': (1e6, 'µrad/(N m)')}
+NOTHING = '–'
 
 
 def page(title: str, sections: Sequence[str]) -> str:
@@ -44,7 +22,9 @@ def page(title: str, sections: Sequence[str]) -> str:
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f'<link rel="icon" href="data:,"><title>{escape(title)}</title>'
-        f'<style>{STYLE}</style></head>\n<body>\n' + '\n'.join(sections) + '\n</body></html>\n'
+        f'<style>{STYLE}</style></head>\n<body><main>\n'
+        + '\n'.join(sections)
+        + '\n</main></body></html>\n'
     )
 
 
@@ -53,25 +33,78 @@ def section(title: str, *content: str) -> str:
     return f'<section><h2>{escape(title)}</h2>{"".join(content)}</section>'
 
 
+def part(title: str) -> str:
+    """A heading within a section."""
+    return f'<h3>{escape(title)}</h3>'
+
+
 def paragraph(text: str, style: str = '') -> str:
     """A paragraph of plain text."""
     return f'<p class="{style}">{escape(text)}</p>' if style else f'<p>{escape(text)}</p>'
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> str:
-    """A table; the columns `numbers` are set right."""
-
-    def cells(row: Sequence[str], kind: str) -> str:
-        marks = [' class="number"' if i in numbers else '' for i in range(len(row))]
-        return ''.join(
-            f'<{kind}{mark}>{escape(cell)}</{kind}>' for mark, cell in zip(marks, row, strict=True)
-        )
-
-    body = ''.join(f'<tr>{cells(row, "td")}</tr>' for row in rows)
-    head = f'<thead><tr>{cells(header, "th")}</tr></thead>'
-    return f'<div class="scroll"><table>{head}<tbody>{body}</tbody></table></div>'
+def warnings_box(lines: Sequence[str]) -> str:
+    """What to doubt, set apart; nothing where there is nothing."""
+    if not lines:
+        return ''
+    items = ''.join(f'<li class="warning">{escape(line)}</li>' for line in lines)
+    name = 'Warning' if len(lines) == 1 else f'{len(lines)} warnings'
+    return (
+        f'<aside class="warnings" role="note" aria-label="Warnings"><h2>{name}</h2>'
+        f'<ul>{items}</ul></aside>'
+    )
 
 
-def charts(figures: Sequence[str]) -> str:
-    """Figures side by side where there is room."""
-    return f'<div class="charts">{"".join(figures)}</div>'
+def table(
+    caption: str,
+    header: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    numbers: Collection[int] = (),
+    styles: Mapping[int, str] | None = None,
+    name: str = '',
+) -> str:
+    """A table whose rows begin with their own heading.
+
+    The columns `numbers` are set right, `styles` gives columns a class, `name` the table one. A
+    row of a single cell is a heading for the rows after it.
+    """
+    styles = dict(styles or {}) | dict.fromkeys(numbers, 'number')
+
+    def cell(i: int, text: str, row: int) -> str:
+        style = f' class="{styles[i]}"' if i in styles else ''
+        if row < 0:
+            return f'<th scope="col"{style}>{escape(text)}</th>'
+        kind, scope = ('th', ' scope="row"') if i == 0 else ('td', '')
+        return f'<{kind}{scope}{style}>{escape(text)}</{kind}>'
+
+    def line(row: int, cells: Sequence[str]) -> str:
+        if len(cells) == 1:
+            span = f'<th scope="rowgroup" colspan="{len(header)}">{escape(cells[0])}</th>'
+            return f'<tr class="part">{span}</tr>'
+        return f'<tr>{"".join(cell(i, text, row) for i, text in enumerate(cells))}</tr>'
+
+    body = ''.join(line(i, cells) for i, cells in enumerate(rows))
+    label = escape(caption or ' '.join(filter(None, header)), quote=True)
+    told = f'<caption>{escape(caption)}</caption>' if caption else ''
+    head = f'<thead>{line(-1, header)}</thead>' if any(header) else ''
+    # a table wider than its page is scrolled, by keyboard too
+    return (
+        f'<div class="scroll" role="region" tabindex="0" aria-label="{label}">'
+        f'<table{f" class={name}" if name else ""}>{told}{head}<tbody>{body}</tbody></table></div>'
+    )
+
+
+def facts(rows: Sequence[tuple[str, str]]) -> str:
+    """Names with what there is to say of each."""
+    return table('', ('', ''), rows, name='facts')
+
+
+def charts(shown: Sequence[Chart], columns: str = '') -> str:
+    """Figures side by side where there is room; `columns` 'three' for small ones."""
+    style = f'charts {columns}'.strip()
+    return f'<div class="{style}">{"".join(map(figure, shown))}</div>' if shown else ''
+
+
+def mm(value: float | None) -> str:
+    """A length in m as mm."""
+    return NOTHING if value is None else f'{value * MM:.4f}'.replace('-', '\u2212')

@@ -14,9 +14,9 @@ from calib_model.rotation import RigidTransform
 from calib_model.urdf import arm_urdf
 from calib_solver.account import accounts
 from calib_solver.diagnostics import diagnostics_record
+from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
 from calib_solver.probe_fit import ProbeFit
-from calib_solver.quality import Quality
 from calib_solver.quality_record import quality_record, sphere_records
 from calib_solver.resampling import Resampled
 from calib_solver.resampling_record import resampling_record
@@ -26,10 +26,9 @@ Record = dict[str, Any]
 
 
 def result_record(
-    done: Identification, test: Quality | None = None, resampled: Resampled | None = None
+    done: Identification, held_out: HeldOut | None = None, resampled: Resampled | None = None
 ) -> Record:
-    """The content of `result.json`; `test` is the quality on a held-out bag, `resampled` what
-    repetitions say of the uncertainties."""
+    """The content of `result.json`; `resampled` is what repetitions say of the uncertainties."""
     return {
         'schema': SCHEMA,
         'arm': done.arm.name,
@@ -40,7 +39,8 @@ def result_record(
         'quality': {
             'initial': quality_record(done.initial),
             'identified': quality_record(done.identified),
-            'test': quality_record(test) if test is not None else None,
+            'test': quality_record(held_out.identified) if held_out is not None else None,
+            'test_initial': quality_record(held_out.initial) if held_out is not None else None,
         },
         'solver': {
             'iterations': done.fit.iterations,

@@ -72,7 +72,7 @@ def test_what_was_tried_is_told(tmp_path):
     assert min(one['behind'] for one in tried) == 0.0
     assert all(one['score'] > 0 for one in tried)
     json.dumps(record, allow_nan=False)
-    text = summary(Calibration(done, None, None, record, ()))
+    text = summary(Calibration(done, None, record, ()))
     assert f'prior of strength {told["strength"]:g}, chosen by leaving out locations' in text
 
 

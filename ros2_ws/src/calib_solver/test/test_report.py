@@ -3,56 +3,96 @@
 
 from __future__ import annotations
 
+import hashlib
+import re
 from dataclasses import replace
 from html.parser import HTMLParser
 
+import numpy as np
 import pytest
+from simulated_calibration import active, kr5, simulate
 
 from calib_model.bag import write_measurement
-from calib_solver.identification import Options
-from calib_solver.loading import Sources, calibrate
+from calib_solver.figures import all_charts
+from calib_solver.identification import Options, identify
+from calib_solver.loading import Effort, Sources, calibrate
+from calib_solver.report import report_html
+from calib_solver.report_instruments import Inputs
+from calib_solver.resampling import Plan
+from calib_solver.result import result_record
 
 pytestmark = pytest.mark.timeout(60)
-VOID = {'meta', 'link', 'line', 'path', 'polyline', 'br'}
+VOID = {'meta', 'link', 'br'}
+CLOSED_AT_ONCE = {'line', 'path'}
+DEGREE = 57.29577951308232
+COLUMNS = ('initial', 'identified', 'test_initial', 'test')
+NOTHING = '–'
 
 
 class Page(HTMLParser):
-    """Cells of every table row, paragraphs by class, and whether all that opens is closed."""
+    """Tables by the heading above them, warnings, figures, and whether all that opens closes."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
-        self.rows: list[list[str]] = []
+        self.tables: dict[str, list[list[str]]] = {}
         self.open: list[str] = []
         self.warnings: list[str] = []
         self.links: list[str] = []
+        self.labels: list[str] = []
+        self.unscoped = 0
+        self._title = ''
         self._warning = False
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
         values = dict(attributes)
         self.links += [values[key] for key in ('src', 'href') if key in values]
-        if tag not in VOID:
+        if tag not in VOID | CLOSED_AT_ONCE:
             self.open.append(tag)
+        if tag in ('h1', 'h2', 'h3'):
+            self._title = ''
         if tag == 'tr':
-            self.rows.append([])
+            self.tables.setdefault(self._title, []).append([])
         if tag in ('td', 'th'):
-            self.rows[-1].append('')
+            self.tables[self._title][-1].append('')
+        if tag == 'th':
+            self.unscoped += 'scope' not in values
+        if tag == 'svg':
+            self.labels.append(values.get('aria-label', ''))
         self._warning = values.get('class') == 'warning'
 
     def handle_endtag(self, tag):
-        if tag not in VOID:
+        if tag not in VOID | CLOSED_AT_ONCE:
             assert self.open.pop() == tag
 
     def handle_data(self, data):
-        if self.open and self.open[-1] in ('td', 'th'):
-            self.rows[-1][-1] += data
-        if self._warning and self.open[-1] == 'p':
+        if not self.open:
+            return
+        if self.open[-1] in ('td', 'th'):
+            self.tables[self._title][-1][-1] += data
+        if self.open[-1] in ('h1', 'h2', 'h3'):
+            self._title += data
+        if self._warning and self.open[-1] == 'li':
             self.warnings.append(data)
+
+    def rows(self, title):
+        """The rows of the tables under a heading by their first cell."""
+        return {row[0]: row[1:] for row in self.tables[title]}
+
+
+def mm(value):
+    """A length as the page shows it."""
+    return NOTHING if value is None else shown(value * 1e3, 4)
+
+
+def shown(value, digits, sign=''):
+    return format(value, f'{sign}.{digits}f').replace('-', '−')
 
 
 @pytest.fixture(scope='module')
 def written(active_scene, tmp_path_factory):
-    """The record and the page of a calibration with a held-out location and one slipped pose."""
+    """The record and the page of a calibration with a held-out location, one slipped pose,
+    repetitions and a gauge's certificate from a file of its own; and where its files are."""
     folder = tmp_path_factory.mktemp('report')
     measured = active_scene.measured
     poses = measured.poses
@@ -62,50 +102,183 @@ def written(active_scene, tmp_path_factory):
     last = poses.location == poses.location.max()
     for name, which in (('bag', ~last), ('held', last)):
         write_measurement(folder / name, replace(measured, poses=poses.take(which)))
-    sources = Sources((str(folder / 'bag'),))
-    finished = calibrate(sources, Options(), [str(folder / 'held')], str(folder / 'out'))
-    return finished.record, (folder / 'out' / 'report.html').read_text(encoding='utf-8')
+    effort = Effort(Plan(monte_carlo=3, bootstrap=3))
+    finished = calibrate(
+        Sources((str(folder / 'bag'),)), Options(), [str(folder / 'held')], str(folder / 'out'),
+        effort,
+    )  # fmt: skip
+    text = (folder / 'out' / 'report.html').read_text(encoding='utf-8')
+    return finished.record, Page(text), text, folder
+
+
+def test_the_figures_people_ask_for_first_are_the_record_s(written):
+    record, page, *_ = written
+    rows = page.rows('In short')
+    for group, label in (('distance', 'Distance error'), ('two_sigma', '2 sigma')):
+        for key in ('mean', 'max'):
+            expected = [mm(record['quality'][name][group][key]) for name in COLUMNS]
+            assert rows[f'{label}, {key}'] == expected
 
 
 def test_every_quality_in_the_page_is_the_record_s(written):
-    record, text = written
-    rows = {row[0]: row[1:] for row in Page(text).rows if row and row[0]}
-    quality = record['quality']
-    for group, label in (('distance', 'distance error'), ('two_sigma', '2 sigma')):
-        for key in ('max', 'mean', 'min'):
-            shown = rows[f'{label}, {key}']
-            for column, name in ((0, 'initial'), (1, 'identified'), (3, 'test')):
-                assert shown[column] == f'{quality[name][group][key] * 1e3:.4f}'
-    assert rows['position error, rms'][1] == f'{quality["identified"]["position"]["rms"] * 1e3:.4f}'
+    record, page, *_ = written
+    rows = page.rows('Quality')
+    qualities = [record['quality'][name] for name in COLUMNS]
+    for group, label, keys in (
+        ('distance', 'distance error', ('max', 'min', 'mean', 'rms')),
+        ('two_sigma', '2 sigma', ('max', 'min', 'mean')),
+        ('position', 'position error', ('max', 'mean', 'rms')),
+    ):
+        for key in keys:
+            assert rows[f'{label}, {key}'] == [mm(q[group][key]) for q in qualities]
+    for axis, name in enumerate('XYZ'):
+        expected = [mm(q['two_sigma']['mean_xyz'][axis]) for q in qualities]
+        assert rows[f'2 sigma, mean {name}'] == expected
+    assert rows['phi, mm²'] == [f'{q["phi"] * 1e6:.4g}' for q in qualities]
 
 
-def test_every_parameter_is_there_with_its_reason(written):
-    record, text = written
-    rows = {row[0]: row for row in Page(text).rows if row and row[0]}
+def test_what_causes_the_extremes_is_said_as_in_the_chapter(written):
+    record, page, *_ = written
+    causes = [row for row in page.tables['Quality'] if row[0].startswith('caused at')]
+    order = [('distance', 'max'), ('distance', 'min'), ('two_sigma', 'max'), ('two_sigma', 'min')]
+    for (group, end), row in zip(order, causes, strict=True):
+        for name, cell in zip(COLUMNS, row[1:], strict=True):
+            one = record['quality'][name][group]
+            if group == 'distance':
+                first, second = one[f'{end}_pair']
+                place = f'D{first}-{second}'
+            else:
+                place = f'B{one[f"{end}_sphere"]}, {one[f"{end}_coordinate"].upper()}'
+            assert cell == f'location {one[f"{end}_location"]}, {place}'
+
+
+def test_the_measuring_arm_s_quantities_are_the_record_s_and_say_what_they_are_not(written):
+    record, page, text, _ = written
+    rows = page.rows('As a measuring arm')
+    arms = [record['quality'][name]['measuring_arm'] for name in COLUMNS]
+    for label, group, key in (
+        ('deviation from the seat’s mean, max', 'single_point', 'max_deviation'),
+        ('2 s, largest of a seat', 'single_point', 'two_s_max'),
+        ('2 s, mean of all seats', 'single_point', 'two_s_mean'),
+        ('length deviation, max', 'length', 'max_deviation'),
+        ('certified length there', 'length', 'max_length'),
+        ('2 RMS', 'length', 'two_rms'),
+        ('length deviation, mean', 'length', 'mean'),
+        ('range', 'length', 'span'),
+    ):
+        assert rows[label] == [mm(arm[group][key]) for arm in arms]
+    for label, group, key in (
+        ('seats', 'single_point', 'spheres'), ('points', 'single_point', 'points'),
+        ('number of lengths', 'length', 'count'),
+    ):  # fmt: skip
+        assert rows[label] == [str(arm[group][key]) for arm in arms]
+    assert 'not a test by the standard' in text
+
+
+def test_every_parameter_is_there_with_its_correction_and_its_reason(written):
+    record, page, *_ = written
+    rows = page.rows('Parameters')
     for parameter in record['parameters']:
-        factor = 1e3 if parameter['unit'] == 'm' else 57.29577951308232
-        shown = rows[parameter['name']]
-        assert shown[2].split()[0] == f'{parameter["identified"] * factor:.5f}'
-        assert shown[5] == parameter['reason']
+        factor, unit = (1e3, 'mm') if parameter['unit'] == 'm' else (DEGREE, '°')
+        before, after = parameter['initial'] * factor, parameter['identified'] * factor
+        sure = parameter['standard_uncertainty']
+        assert rows[parameter['name']] == [
+            shown(before, 5), shown(after, 5),
+            shown(after - before, 5, '+') if parameter['free'] else 'held',
+            NOTHING if sure is None else shown(sure * factor, 5), unit, parameter['reason'],
+        ]  # fmt: skip
+
+
+def test_mount_and_repetitions_are_the_record_s(written):
+    record, page, *_ = written
+    rows = page.rows('The probe on the flange')
+    mount = record['flange_T_probe']
+    assert rows['translation, mm'] == [shown(v * 1e3, 4) for v in mount['translation']]
+    assert rows['rotation vector, °'] == [shown(v * DEGREE, 4) for v in mount['rotation_vector']]
+    rows = page.rows('Repetitions')
+    for parameter in record['resampling']['parameters']:
+        factor, unit = (1e3, 'mm') if parameter['unit'] == 'm' else (DEGREE, '°')
+        sizes = [parameter[key] for key in ('analytic', 'monte_carlo', 'bootstrap')]
+        cells = [NOTHING if size is None else shown(size * factor, 5) for size in sizes]
+        assert rows[parameter['name']] == [*cells, unit]
+
+
+def test_residuals_by_location_and_joint_are_the_record_s(written):
+    record, page, *_ = written
+    rows = page.rows('By location')
+    for one in record['diagnostics']['by_location']:
+        cells = [mm(one[key]) for key in ('rms', 'max', 'distance_mean')]
+        assert rows[str(one['location'])] == [str(one['poses']), *cells]
+    rows = page.rows('Against each joint')
+    for one in record['diagnostics']['by_joint']:
+        assert rows[one['joint']] == [
+            f'{100 * one[key]:.1f} %' for key in ('explained', 'by_chance')
+        ]
 
 
 def test_warnings_come_first_and_what_was_left_out_is_listed(written):
-    record, text = written
-    page = Page(text)
+    record, page, text, _ = written
     assert record['warnings']
     assert page.warnings[: len(record['warnings'])] == record['warnings']
-    assert text.index('class="warning"') < text.index('<h2>')
+    assert text.index('class="warning"') < text.index('<section>')
     worst = max(record['rejected'], key=lambda one: one['size'])
-    assert [str(worst['pose']), str(worst['location']), str(worst['sphere'])] in [
-        row[:3] for row in page.rows
-    ]
+    row = [str(worst['pose']), str(worst['location']), str(worst['sphere']), mm(worst['size'])]
+    assert row in [cells[:4] for cells in page.tables['Poses left out']]
+
+
+def test_nothing_is_warned_of_where_there_is_nothing(clean_scene, tmp_path):
+    write_measurement(tmp_path / 'bag', clean_scene.measured)
+    done = identify(clean_scene.measured)
+    page = Page(report_html(done, result_record(done), Inputs((str(tmp_path / 'bag'),))))
+    assert page.warnings == []
+    assert len(page.tables['Quality'][0]) == 3  # no columns for what was not held out
+
+
+def test_what_was_measured_with_what_is_said(written):
+    _, page, text, folder = written
+    rows = page.rows('What was measured')
+    assert rows['Arm'][0].startswith('kr5, 6 joints')
+    assert 'active' in rows['Probe'][0]
+    assert rows['Gauge'] == ['bar, 15 spheres of 22 mm diameter']
+    assert '1 µm + 1 µm/m · L' in rows['Certificate'][0]
+    assert '319 poses of 16 spheres at 4 locations (1, 2, 3, 4)' in rows['Identified from'][0]
+    assert '1 more left out' in rows['Identified from'][0]
+    assert '80 poses of 4 spheres at 1 location (5)' in rows['Held out'][0]
+    assert len(page.tables['Certificate of the gauge']) == 16
+    for name in ('bag', 'held'):
+        (file,) = (folder / name).glob('*.mcap')
+        digest = hashlib.sha256(file.read_bytes()).hexdigest()
+        assert [str(file), digest] in [row[1:] for row in page.tables['Files']]
+
+
+def test_the_readings_time_of_day_is_said_where_they_have_one():
+    measured = simulate(kr5(), active(), 9, locations=2, poses=8, noise=5e-5).measured
+    second = 10**9
+    begin = 1_790_000_000 * second  # 2026-09-21 14:13:20 UTC
+    stamps = begin + np.arange(len(measured.poses)) * second
+    dated = replace(measured, poses=replace(measured.poses, stamp=stamps))
+    done = identify(dated)
+    text = report_html(done, result_record(done), Inputs(()))
+    assert 'readings stamped 2026-09-21 14:13:20 to 14:14:23 UTC' in text
 
 
 def test_the_page_stands_alone_and_is_well_formed(written):
-    _, text = written
-    page = Page(text)
+    _, page, text, _ = written
     assert page.open == []
     assert page.links == ['data:,']
+    assert page.unscoped == 0
     assert '<script' not in text
-    assert 'nan' not in text.lower().replace('nance', '')
-    assert text.count('<figure>') == text.count('<svg') >= 10
+    assert re.search(r'\bnan\b|\binf\b|None|1e-\d', re.sub(r'<style>.*?</style>', '', text)) is None
+
+
+def test_every_chart_is_drawn_and_described(written):
+    record, page, text, _ = written
+    count = len(record['diagnostics']['by_joint']) + 4 + 3 + 4 + 1
+    assert text.count('<figure') == len(page.labels) == count
+    assert all(page.labels)
+    assert len(set(page.labels)) == count
+
+
+def test_charts_have_names_of_their_own(active_scene):
+    charts = all_charts(identify(active_scene.measured), None)
+    assert len({chart.name for chart in charts}) == len(charts)

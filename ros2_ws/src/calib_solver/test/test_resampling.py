@@ -88,7 +88,7 @@ def test_the_record_has_each_free_parameter_beside_its_stated_uncertainty(done, 
     assert [p['analytic'] for p in told] == [p['standard_uncertainty'] for p in free]
     assert [p['monte_carlo'] for p in told] == list(resampled.monte_carlo.standard)
     assert [p['bootstrap'] for p in told] == list(resampled.bootstrap.standard)
-    text = summary(Calibration(done, None, None, record, ()))
+    text = summary(Calibration(done, None, record, ()))
     assert 'Monte Carlo, 300 repetitions: ' in text
     assert 'bootstrap over locations, 200 repetitions: ' in text
 

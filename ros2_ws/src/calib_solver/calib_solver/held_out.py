@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What was measured but not identified from, to judge the identified parameters by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from calib_model.probing import Measurement
+from calib_solver.identification import Identification
+from calib_solver.problem import Problem
+from calib_solver.quality import Quality, assess
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Held-out poses, and their quality with the parameters before and after."""
+
+    problem: Problem
+    initial: Quality
+    identified: Quality
+    corrected: Quality | None = None
+
+    @classmethod
+    def by(cls, measured: Measurement, done: Identification) -> HeldOut:
+        """Judge `measured` with the parameters that `done` started from and what it identified;
+        `corrected` is with the correction of eq. 12 too, where there is one.
+
+        Raises:
+            DataError: a pose does not fit the arm, the probe or the gauge.
+        """
+        problem = Problem.of(measured)
+        nominal = done.problem.measured
+        corrected = done.corrected is not None
+        return cls(
+            problem,
+            assess(problem, nominal.arm, nominal.probe),
+            assess(problem, done.arm, done.probe, done.model),
+            assess(problem, done.arm, done.probe, done.correction) if corrected else None,
+        )

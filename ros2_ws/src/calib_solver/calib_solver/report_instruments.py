@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The report's account of what was measured with what and when, and from which files."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import numpy as np
+
+from calib_model.bag_reader import bag_files
+from calib_model.gauge import Gauge
+from calib_model.probe import PassiveProbe, Probe
+from calib_model.probing import ProbingSet
+from calib_solver.held_out import HeldOut
+from calib_solver.identification import Identification
+from calib_solver.report_page import facts, mm, paragraph, part, table
+
+PACKAGES = ('calib_solver', 'calib_model', 'numpy', 'mcap')
+#: stamps (ns) before 2001 are no time of day but a count
+FIRST_DATE = 10**18
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """The files that a calibration was made from: bags to identify from, held-out ones, and
+    descriptions (what of, path) that took the place of the bags' own."""
+
+    bags: tuple[str, ...]
+    test: tuple[str, ...] = ()
+    descriptions: tuple[tuple[str, str], ...] = ()
+
+    def files(self) -> Iterable[tuple[str, Path]]:
+        """Every file with what it was used for."""
+        for use, bags in (('identified from', self.bags), ('held out', self.test)):
+            for bag in bags:
+                yield from ((use, file) for file in bag_files(bag))
+        for of, path in self.descriptions:
+            yield f'{of} description', Path(path)
+
+
+def instruments(done: Identification, held_out: HeldOut | None) -> str:
+    """Arm, probe, gauge with its certificate, and the poses taken."""
+    measured = done.problem.measured
+    arm, gauge = measured.arm, measured.gauge
+    rows = [
+        ('Arm', f'{arm.name}, {arm.n} joints: {", ".join(arm.joint_names)}'),
+        ('Probe', _probe(measured.probe)),
+        ('Gauge', f'{gauge.name}, {len(gauge.spheres)} spheres of {gauge.sphere_diameter * 1e3:g} '
+                  'mm diameter'),
+        ('Certificate', f'U (k = 2) of a distance L: {_distance_uncertainty(gauge)}; the centres '
+                        'are listed at the end'),
+        ('Identified from', _taken(done.problem.measured.poses, len(done.rejected))),
+    ]  # fmt: skip
+    if held_out is not None:
+        rows.append(('Held out', _taken(held_out.problem.measured.poses)))
+    rows.append(('Not recorded', 'temperature, serial numbers, the certificate\u2019s number: '
+                                 'the bags do not hold them.'))  # fmt: skip
+    return facts(rows)
+
+
+def _probe(probe: Probe) -> str:
+    if isinstance(probe, PassiveProbe):
+        return f'{probe.name}, passive: a seat that centres the sphere'
+    low, high = np.array([stylus.stroke for stylus in probe.styli]).T * 1e3
+    tips = ', '.join(f'{radius:g}' for radius in sorted({s.tip_radius * 1e3 for s in probe.styli}))
+    return (
+        f'{probe.name}, active: {len(probe.styli)} styli with tips of {tips} mm radius, read from '
+        f'{low.max():g} to {high.min():g} mm'.replace(' -', ' \u2212')
+    )
+
+
+def _distance_uncertainty(gauge: Gauge) -> str:
+    return f'{gauge.constant * 1e6:g} µm + {gauge.proportional * 1e6:g} µm/m · L'
+
+
+def _taken(poses: ProbingSet, left_out: int = 0) -> str:
+    spheres = len(np.unique(np.stack([poses.location, poses.sphere]), axis=1).T)
+    locations = np.unique(poses.location)
+    names = ', '.join(map(str, locations))
+    readings = np.unique(poses.readings)
+    text = (
+        f'{len(poses)} poses of {spheres} spheres at {len(locations)} '
+        f'location{"s" if len(locations) > 1 else ""} ({names}), '
+        f'{_span(readings.tolist())} reading{"s" if readings.max() > 1 else ""} a pose'
+    )
+    if left_out:
+        text += f'; {left_out} more left out, listed under Residuals'
+    return f'{text}; {_when(poses)}.'
+
+
+def _span(values: list[int]) -> str:
+    return f'{values[0]}' if len(values) == 1 else f'{values[0]} to {values[-1]}'
+
+
+def _when(poses: ProbingSet) -> str:
+    """First and last reading by their stamps, as a time of day where they are one."""
+    first, last = int(poses.stamp.min()), int(poses.stamp.max())
+    if first < FIRST_DATE:
+        return 'the readings have no date'
+    begin, end = (datetime.fromtimestamp(t / 1e9, timezone.utc) for t in (first, last))
+    until = f'{end:%H:%M:%S}' if begin.date() == end.date() else f'{end:%Y-%m-%d %H:%M:%S}'
+    return f'readings stamped {begin:%Y-%m-%d %H:%M:%S} to {until} UTC'
+
+
+def certificate(gauge: Gauge) -> str:
+    """The certified centres and distances, with their expanded uncertainty."""
+    origin = gauge.numbers[0]
+    rows = []
+    for number, center in gauge.spheres:
+        length = gauge.distance(origin, number)
+        sure = '–' if number == origin else f'{gauge.distance_uncertainty(length) * 1e6:.2f}'
+        rows.append([f'B{number}', *map(mm, center), mm(length), sure])
+    header = ['sphere', 'X, mm', 'Y, mm', 'Z, mm', f'from B{origin}, mm', 'U (k = 2), µm']
+    return part('Certificate of the gauge') + table('', header, rows, range(1, 6))
+
+
+def inputs(given: Inputs) -> str:
+    """Every input file with its SHA-256, and the versions that it was computed with."""
+    rows = [[use, str(file), _sha256(file)] for use, file in given.files()]
+    header = ['use', 'file', 'SHA-256']
+    listed = table('', header, rows, styles={1: 'mono', 2: 'mono'})
+    return part('Files') + listed + paragraph(f'Computed with {", ".join(_versions())}.', 'faint')
+
+
+def _sha256(path: Path) -> str:
+    digest = hashlib.sha256()
+    with path.open('rb') as stream:
+        while block := stream.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def _versions() -> list[str]:
+    found = []
+    for package in PACKAGES:
+        try:
+            found.append(f'{package} {version(package)}')
+        except PackageNotFoundError:
+            found.append(f'{package} (not installed as a package)')
+    return [*found, f'{platform.python_implementation()} {platform.python_version()}']
