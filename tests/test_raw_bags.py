@@ -157,10 +157,14 @@ def test_what_is_missing_is_asked_for(
     stream: list[BagMessage], described: list[str], tmp_path: Path
 ) -> None:
     path = rewritten(tmp_path / 'bag', stream)
-    with pytest.raises(BagError, match='bag has no /arm_description: give it with --arm arm.yaml'):
+    every = '/arm_description, /probe_description, /gauge_description: give --arm arm.yaml --probe'
+    with pytest.raises(BagError, match=every):
         run([str(path)])
-    with pytest.raises(BagError, match='no /gauge_description: give it with --gauge'):
+    with pytest.raises(BagError, match=r'no /gauge_description: give --gauge gauge\.yaml'):
         run([str(path), *described[:4]])
+    (path / 'metadata.yaml').unlink()
+    with pytest.raises(BagError, match=every):
+        run([str(path)])
     theirs = [name.replace('joint_', 'axis_') for name in NAMES]
     other = rewritten(tmp_path / 'other', stream, names=theirs)
     lacking = r'has no joint joint_a1 \(it has axis_a4, gripper, .*\): say which .* with --joints'

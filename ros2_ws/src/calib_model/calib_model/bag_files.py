@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import yaml
 import zstandard
@@ -15,6 +15,7 @@ from calib_model.errors import BagError
 
 ZSTD = b'\x28\xb5\x2f\xfd'
 SQLITE = b'SQLite format 3\x00'
+METADATA = 'metadata.yaml'
 KINDS = ('.mcap', '.mcap.zstd', '.db3', '.db3.zstd')
 
 
@@ -49,21 +50,47 @@ def files_in(folder: Path, kind: str = '.mcap') -> list[Path]:
 
 
 def _listed_files(folder: Path) -> list[Path]:
-    metadata = folder / 'metadata.yaml'
-    if not metadata.is_file():
-        return []
+    information = _information(folder)
     try:
-        content = yaml.safe_load(metadata.read_text(encoding='utf-8'))
-        information = content['rosbag2_bagfile_information']
-        files = [folder / Path(str(name)).name for name in information['relative_file_paths']]
-    except (OSError, ValueError, yaml.YAMLError, TypeError, KeyError) as error:
-        raise BagError(f'{metadata}: not a rosbag2 metadata file') from error
+        names = information['relative_file_paths'] if information else []
+        files = [folder / Path(str(name)).name for name in names]
+    except (TypeError, KeyError) as error:
+        raise BagError(f'{folder / METADATA}: not a rosbag2 metadata file') from error
     packed = [file.with_name(f'{file.name}.zstd') for file in files]
     # a recording that was stopped hard: files are compressed, their list was not written anew
     return [
         pack if pack.is_file() and not file.is_file() else file
         for file, pack in zip(files, packed, strict=True)
     ]
+
+
+def _information(folder: Path) -> dict[str, Any]:
+    """What metadata.yaml says; empty where there is none."""
+    metadata = folder / METADATA
+    if not metadata.is_file():
+        return {}
+    try:
+        content = yaml.safe_load(metadata.read_text(encoding='utf-8'))
+        return dict(content['rosbag2_bagfile_information'])
+    except (OSError, ValueError, yaml.YAMLError, TypeError, KeyError) as error:
+        raise BagError(f'{metadata}: not a rosbag2 metadata file') from error
+
+
+def listed_topics(path: str | Path) -> dict[str, str]:
+    """Topics with messages and their types, as far as metadata.yaml tells; empty where it does not.
+
+    Raises:
+        BagError: there is no bag at `path`.
+    """
+    bag_files(path)
+    try:
+        rows = _information(Path(path))['topics_with_message_count']
+        return {
+            str(row['topic_metadata']['name']): str(row['topic_metadata']['type'])
+            for row in rows if int(row['message_count']) > 0
+        }  # fmt: skip
+    except (TypeError, KeyError, ValueError):
+        return {}
 
 
 def begins_with(file: Path, magic: bytes) -> bool:

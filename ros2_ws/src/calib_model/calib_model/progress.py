@@ -11,6 +11,7 @@ from typing import TextIO
 BAR = 30
 BAR_PERIOD = 0.1  # s
 LINE_PERIOD = 5.0  # s
+FIRST = 0.02  # of the work
 QUIET = 1.0  # s: work that is done by then need not tell of itself
 
 
@@ -72,7 +73,8 @@ class Pace:
         spent = now - self._begin
         if spent < QUIET:
             return
-        left = spent / done * (planned - done) if done else math.nan
+        # the first steps say little of the pace
+        left = spent / done * (planned - done) if done > planned * FIRST else math.nan
         self._progress.show(
             round(done / self._unit), round(planned / self._unit), left, self._where, now
         )

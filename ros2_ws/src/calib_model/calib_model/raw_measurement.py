@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from calib_model.arm import Arm
+from calib_model.bag_files import listed_topics
 from calib_model.bag_reader import Told, read_note
 from calib_model.certificate_match import Certificate
 from calib_model.description import parse_arm, parse_gauge, parse_probe
@@ -75,10 +76,14 @@ def sort_bag(
         DescriptionError: a description in the bag cannot be used.
         DataError: no two spheres stand to one another as on the certificate.
     """
+    topics = listed_topics(path)
+    if topics:
+        _refuse_undescribed(path, given, topics)  # before hundreds of MB are read
     bag = read_raw(path, choice.topics, told)
-    arm = given.arm or _described(bag, ARM_DESCRIPTION, parse_arm, 'arm')
-    probe = given.probe or _described(bag, PROBE_DESCRIPTION, parse_probe, 'probe')
-    gauge = given.gauge or _described(bag, GAUGE_DESCRIPTION, parse_gauge, 'gauge')
+    _refuse_undescribed(path, given, bag.texts)
+    arm = given.arm or _described(bag, ARM_DESCRIPTION, parse_arm)
+    probe = given.probe or _described(bag, PROBE_DESCRIPTION, parse_probe)
+    gauge = given.gauge or _described(bag, GAUGE_DESCRIPTION, parse_gauge)
     unknown = [number for number in choice.spheres if number not in gauge.numbers]
     if unknown:
         raise DataError(f'{gauge.name}: no sphere {unknown[0]} on the certificate')
@@ -112,11 +117,22 @@ def sort_bag(
     )  # fmt: skip
 
 
-def _described(bag: RawBag, topic: Topic, parse: Callable[[str, str], T], option: str) -> T:
-    if topic.name not in bag.texts:
-        raise BagError(
-            f'{bag.path}: the bag has no {topic.name}: give it with --{option} {option}.yaml'
-        )
+def _refuse_undescribed(
+    path: str | Path, given: Instruments, there: Mapping[str, str]
+) -> None:
+    wanted = (
+        ('arm', given.arm, ARM_DESCRIPTION), ('probe', given.probe, PROBE_DESCRIPTION),
+        ('gauge', given.gauge, GAUGE_DESCRIPTION),
+    )  # fmt: skip
+    missing = [(name, topic.name) for name, known, topic in wanted
+               if known is None and topic.name not in there]  # fmt: skip
+    if missing:
+        topics = ', '.join(topic for _, topic in missing)
+        options = ' '.join(f'--{name} {name}.yaml' for name, _ in missing)
+        raise BagError(f'{path}: the bag has no {topics}: give {options}')
+
+
+def _described(bag: RawBag, topic: Topic, parse: Callable[[str, str], T]) -> T:
     return parse(bag.texts[topic.name], f'{bag.path}: {topic.name}')
 
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib_model import cdr
+from calib_model.bag_files import listed_topics
 from calib_model.bag_reader import Told, read_messages
 from calib_model.errors import BagError
 from calib_model.raw_block import (
@@ -157,8 +158,10 @@ class _Block:
         self.path, self.topic, self.kind = path, topic, kind
         self._decode, self._into = decode, into
         self._waiting: list[bytes] = []
+        self.count = 0
 
     def add(self, data: bytes) -> None:
+        self.count += 1
         self._waiting.append(data)
         if len(self._waiting) >= BLOCK:
             self.decode()
@@ -178,6 +181,7 @@ def read_raw(path: str | Path, topics: RawTopics, told: Told | None = None) -> R
         BagError: no bag, a topic missing or of another type, or a message that cannot be read.
     """
     path = Path(path)
+    refuse_topics(path, topics, listed_topics(path))
     bag = RawBag(path, topics)
     blocks = {
         topics.joint_states: _Block(
@@ -200,13 +204,30 @@ def read_raw(path: str | Path, topics: RawTopics, told: Told | None = None) -> R
             bag.texts[message.topic] = _text(path, message.topic, message.data)
     for block in blocks.values():
         block.decode()
-    for topic, kind, option, found in (
-        (topics.joint_states, JOINT_STATE, 'joint-states', bag._joints),
-        (topics.displacements, DISPLACEMENTS, 'displacements', bag._readings),
-    ):
-        if not found:
-            raise BagError(f'{path}: {_absent(path, topic, kind, option)}')
+    if not all(block.count for block in blocks.values()):
+        every = {each.topic: each.type for each in read_messages(path)}
+        refuse_topics(path, topics, every or {'': ''})
     return bag
+
+
+def refuse_topics(path: Path, topics: RawTopics, there: Mapping[str, str]) -> None:
+    """Refuse a bag with these topics and types that lacks one of the streams; none: not known.
+
+    Raises:
+        BagError: names the topic, and those of its type that the bag has.
+    """
+    for topic, kind, option in (
+        (topics.joint_states, JOINT_STATE, 'joint-states'),
+        (topics.displacements, DISPLACEMENTS, 'displacements'),
+    ):
+        if not there or topic in there:
+            continue
+        others = sorted(name for name, its in there.items() if its == kind)
+        if not others:
+            raise BagError(f'{path}: no messages on {topic}, nor any other {kind}')
+        raise BagError(
+            f'{path}: no messages on {topic}, but on {", ".join(others)}: say which with --{option}'
+        )
 
 
 def _text(path: Path, topic: str, data: bytes) -> str:
@@ -214,11 +235,3 @@ def _text(path: Path, topic: str, data: bytes) -> str:
         return str(cdr.decode(STRING, data).data)
     except ValueError as error:
         raise BagError(f'{path}: {topic}: {error}') from error
-
-
-def _absent(path: Path, topic: str, kind: str, option: str) -> str:
-    """That a topic has no messages, and which others of its type the bag has."""
-    others = sorted({each.topic for each in read_messages(path) if each.type == kind})
-    if not others:
-        return f'no messages on {topic}, nor any other {kind}'
-    return f'no messages on {topic}, but on {", ".join(others)}: say which with --{option}'

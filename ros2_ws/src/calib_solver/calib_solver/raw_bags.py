@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib_model.bag import read_measurement
+from calib_model.bag_files import listed_topics
 from calib_model.bag_reader import Told, read_messages
 from calib_model.errors import BagError
 from calib_model.probing import Measurement
@@ -59,6 +60,9 @@ def has_poses(bag: str) -> bool:
     Raises:
         BagError: there is no bag, or it cannot be read.
     """
+    topics = listed_topics(bag)
+    if topics:
+        return CAPTURE_POSES.name in topics
     return next(read_messages(bag, {CAPTURE_POSES.name}), None) is not None
 
 
