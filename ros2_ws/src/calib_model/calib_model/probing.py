@@ -12,8 +12,11 @@ from numpy.typing import NDArray
 from calib_model.arm import Arm
 from calib_model.errors import ContactError, DataError
 from calib_model.gauge import Gauge
-from calib_model.probe import Probe
+from calib_model.probe import ActiveProbe, Probe
 from calib_model.rotation import Array
+
+#: a reading so many strokes out is in another unit; a stroke or two may be a wrong description
+BEYOND_STROKE = 50
 
 
 @dataclass(frozen=True)
@@ -105,6 +108,9 @@ class Measurement:
         self._refuse(
             ~np.isfinite(poses.displacement).all(axis=1), 'has a reading that is no number'
         )
+        if isinstance(self.probe, ActiveProbe):
+            beyond = np.abs(poses.displacement) > BEYOND_STROKE * np.abs(self.probe.stroke).max()
+            self._refuse(beyond.any(axis=1), 'has a reading far beyond the stroke: mm for m?')
         unknown = ~np.isin(poses.sphere, self.gauge.numbers)
         self._refuse(unknown, f'names a sphere that {self.gauge.name} does not have')
         self.centers()

@@ -26,7 +26,14 @@ from calib_solver.joint_error_choice import (
     choose_joint_errors,
     table_with,
 )
+from calib_solver.leanings import named_leanings, named_sphere
 from calib_solver.levenberg import ROUNDING, Fit, minimise
+from calib_solver.mixups import (
+    beyond_belief,
+    named_mixups,
+    refuse_other_units,
+    stuck_styli,
+)
 from calib_solver.objectives import Objective, Quadratic, objective
 from calib_solver.observability import Observability, observe
 from calib_solver.prior import DEFAULT_PRIOR, Prior
@@ -129,9 +136,12 @@ def identify(
         raise DataError(f'no loss {options.loss!r}: expected one of {", ".join(LOSSES)}')
     problem = Problem.of(measured)
     table = identifiable_table(measured.arm, measured.probe, options.fix, options.free)
+    geometry = table
     solver = _Solver(table, options, passes)
     solver.refuse_too_little(problem)
+    refuse_other_units(problem, assess(problem, measured.arm, measured.probe).spheres.center)
     probe_fit, warnings = _try_probe_fit(problem)
+    warnings = stuck_styli(measured) + warnings
     # eq. 11 looks at distances and poses alike: it judges the poses and leads the others there
     alone = options.objective == LEADING
     leader = solver if alone else _Solver(table, replace(options, objective=LEADING), passes)
@@ -170,10 +180,13 @@ def identify(
     )  # fmt: skip
     joint_errors = table.joint_errors(full)
     model = Correction(arm.joint_names, joint_errors) if joint_errors is not None else None
+    identified = assess(problem, arm, probe, model)
+    warnings = _doubts(problem, geometry, arm, probe, identified, options) + warnings
+    warnings += named_sphere(problem, identified.spheres.center, uncertainty.misfit)
     done = Identification(
         problem, options, table, full, arm, probe, _with_weakest(fit, observability),
         observability, uncertainty, probe_fit,
-        assess(problem, measured.arm, measured.probe), assess(problem, arm, probe, model),
+        assess(problem, measured.arm, measured.probe), identified,
         rejected, time.perf_counter() - begun, tuple(warnings), chosen,
         solver.least_noise, errors,
     )  # fmt: skip
@@ -194,6 +207,32 @@ def _corrected(done: Identification, begun: float) -> Identification:
     better = assess(done.problem, done.arm, done.probe, found) if found is not None else None
     seconds = time.perf_counter() - begun
     return replace(done, choice_12=choice, corrected=better, seconds=seconds)
+
+
+def _doubts(
+    problem: Problem, table: ParameterTable, arm: Arm, probe: Probe, quality: Quality,
+    options: Options,
+) -> tuple[str, ...]:  # fmt: skip
+    """Lines on what the residuals look like: something mixed up, or a fault's shadow."""
+
+    def spread_of(changed: Problem) -> float:
+        solver = _Solver(table, replace(options, objective=LEADING), accumulate)
+        solver.refuse_too_little(changed)
+        solver.start_from(changed, _try_probe_fit(changed)[0])
+        return _spread(assess(changed, *solver.arm_and_probe(changed)))
+
+    measured = problem.measured
+    spread = _spread(quality)
+    return (
+        named_mixups(measured, spread, spread_of)
+        or named_leanings(problem, table, arm, probe)
+        or beyond_belief(spread)
+    )
+
+
+def _spread(quality: Quality) -> float:
+    """The usual distance of a pose from its sphere's centre, m: the rms."""
+    return float(np.sqrt((quality.deviation**2).sum(axis=1).mean()))
 
 
 def _with_weakest(fit: Fit, observability: Observability) -> Fit:
