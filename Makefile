@@ -23,10 +23,11 @@ demo: setup
 
 lint:
 	@tools/setup.sh --dev
-	@source ./env.bash && ruff check . && mypy
+	@source ./env.bash && ruff check . && mypy && python tools/audit.py
 
+# A file of tests at a time on each worker: what they share is set up once, graphs keep apart.
 test: lint
-	@source ./env.bash && python -m pytest
+	@source ./env.bash && python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
 bench: setup
 	@source ./env.bash && python -m benchmarks.run
