@@ -110,7 +110,10 @@ class Capturing:
         node = self._node
         if not Path(node.asked.output).exists():
             return Begun((), None)
-        return begun(node.asked.output, node.arm, node.probe, node.gauge)
+        there = begun(node.asked.output, node.arm, node.probe, node.gauge)
+        for line in there.mended:
+            self._watcher.say(line)
+        return there
 
     def _measure(self, program: Program, there: Begun) -> str:
         node, begin = self._node, time.monotonic()

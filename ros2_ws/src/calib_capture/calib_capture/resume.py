@@ -27,10 +27,14 @@ SAME_POSTURE = 2e-3  # rad: what a run takes for the planned pose
 
 @dataclass(frozen=True)
 class Begun:
-    """A capture that was begun: its bag's files, all complete, and its poses, None without any."""
+    """A capture that was begun: its bag's files, all complete, and its poses, None without any.
+
+    `mended` says in a line each which files had been cut.
+    """
 
     files: tuple[FileAccount, ...]
     poses: ProbingSet | None
+    mended: tuple[str, ...] = ()
 
     @property
     def taken(self) -> int:
@@ -44,9 +48,10 @@ def begun(bag: str | Path, arm: Arm, probe: Probe, gauge: Gauge) -> Begun:
     Raises:
         BagError: the bag cannot be read, or holds another arm, probe or gauge.
     """
-    files = tuple(repair(bag))
+    mended: list[str] = []
+    files = tuple(repair(bag, mended.append))
     if not any(file.counts.get(CAPTURE_POSES.name) for file in files):
-        return Begun(files, None)
+        return Begun(files, None, tuple(mended))
     measured = read_measurement(bag)
     for what, ours, its in (
         ('arm', arm_yaml(arm), arm_yaml(measured.arm)),
@@ -55,7 +60,7 @@ def begun(bag: str | Path, arm: Arm, probe: Probe, gauge: Gauge) -> Begun:
     ):
         if ours != its:
             raise BagError(f'{bag}: was captured with another {what} description, not gone on with')
-    return Begun(files, measured.poses)
+    return Begun(files, measured.poses, tuple(mended))
 
 
 def remaining(program: Program, poses: ProbingSet | None) -> Program:

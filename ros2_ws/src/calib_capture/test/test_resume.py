@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from dataclasses import replace
 
@@ -13,10 +14,12 @@ from calib_capture.program import PlannedPose, Program, SpherePlan
 from calib_capture.resume import begun, remaining
 from calib_model.bag import read_measurement, write_measurement
 from calib_model.bag_reader import read_messages
+from calib_model.bag_recovery import recover
 from calib_model.errors import BagError
 from calib_model.probing import Measurement, ProbingSet
 
-pytestmark = pytest.mark.timeout(240)
+KILLS = int(os.environ.get('CAPTURE_KILLS', '4'))
+pytestmark = pytest.mark.timeout(240 + 30 * KILLS)
 ARM, CAPTURE = 'calib_capture.arm_node', 'calib_capture.capture_node'
 
 
@@ -71,6 +74,7 @@ def test_a_bag_of_another_arm_is_not_gone_on_with(kr5, probe, gauge, tmp_path):
 def test_a_killed_capture_keeps_every_acknowledged_pose_and_resumes_to_a_complete_set(
     graph, domain, kr5, probe, gauge, placements, config, tmp_path, monkeypatch
 ):
+    """Killed `CAPTURE_KILLS` times: after some poses, or at any moment from its start on."""
     pytest.importorskip('rclpy', reason='no ROS 2 here')
     pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
     from perfect_probe import PerfectProbe
@@ -79,43 +83,55 @@ def test_a_killed_capture_keeps_every_acknowledged_pose_and_resumes_to_a_complet
 
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     perfect = PerfectProbe(domain, kr5, probe, gauge, placements)
+    each_sphere, bag = 15 * KILLS, tmp_path / 'bag'
     try:
         graph.start(ARM, arm=config / 'arms' / 'kuka_kr5_sixx_r650.yaml', time_scale=0)
         asked = {
-            'placements': config / 'locations' / 'kr5.yaml', 'output': tmp_path / 'bag',
-            'locations': '[3]', 'spheres': '[1, 10]', 'poses_per_sphere': 60, 'resume': 'true',
+            'placements': config / 'locations' / 'kr5.yaml', 'output': bag,
+            'locations': '[3]', 'spheres': '[1, 10]', 'poses_per_sphere': each_sphere,
+            'resume': 'true',
         }  # fmt: skip
         rng = np.random.default_rng(4)
-        for _ in range(4):
+        cut = False
+        for number in range(KILLS):
             capture = graph.start(CAPTURE, **asked)
             killed_at = len(perfect.poses) + int(rng.integers(1, 25))
             end = time.monotonic() + 60
-            while len(perfect.poses) < killed_at:
-                assert time.monotonic() < end, capture.poll()
+            if number % 4 == 3:  # at any moment, be it before the first pose
+                end = time.monotonic() + rng.uniform(0.2, 3.0)
+            while len(perfect.poses) < killed_at and time.monotonic() < end:
                 perfect.executor.spin_once(timeout_sec=0.05)
+            assert capture.poll() is None
             time.sleep(rng.uniform(0.0, 0.02))
             capture.kill()
-            capture.wait()
+            said = capture.communicate()[0]
             for _ in range(20):  # what it had sent and nobody had read yet
                 perfect.executor.spin_once(timeout_sec=0.01)
-            there = set(read_measurement(tmp_path / 'bag').poses.stamp.tolist())
-            assert {stamp_of(pose.header) for pose in perfect.poses} <= there
-        before = read_measurement(tmp_path / 'bag').poses
-        assert len(before) < 120  # else there was nothing to resume
+            assert not cut or 'missing: no end of the recording' in said or number % 4 == 3
+            acknowledged = {stamp_of(pose.header) for pose in perfect.poses}
+            if acknowledged:
+                there = set(read_measurement(bag).poses.stamp.tolist())
+                assert acknowledged <= there
+                recover(bag, tmp_path / f'recovered_{number}')
+                back = read_measurement(tmp_path / f'recovered_{number}').poses
+                assert set(back.stamp.tolist()) == there
+            cut = bool(acknowledged)
+        before = read_measurement(bag).poses
+        assert len(before) < 2 * each_sphere  # else there was nothing to resume
         capture = graph.start(CAPTURE, **asked)
         perfect.spin_while(capture)
         said, error = capture.communicate()
         assert capture.returncode == 0, error
         assert f'{len(before)} poses are there already' in said
-        poses = read_measurement(tmp_path / 'bag').poses
-        assert len(poses) == 120
-        assert [(poses.sphere == sphere).sum() for sphere in (1, 10)] == [60, 60]
+        poses = read_measurement(bag).poses
+        assert len(poses) == 2 * each_sphere
+        assert [(poses.sphere == sphere).sum() for sphere in (1, 10)] == [each_sphere] * 2
         assert set(before.stamp.tolist()) < set(poses.stamp.tolist())
         apart = np.abs(poses.joints[:, None] - poses.joints[None]).max(axis=2)
-        assert (apart[~np.eye(120, dtype=bool)] > 2e-3).all()  # none twice
-        list(read_messages(tmp_path / 'bag', cut_allowed=False))
+        assert (apart[~np.eye(len(poses), dtype=bool)] > 2e-3).all()  # none twice
+        list(read_messages(bag, cut_allowed=False))
         capture = graph.start(CAPTURE, **asked)
         perfect.spin_while(capture)
-        assert 'complete with 120 poses' in capture.communicate()[0]
+        assert f'complete with {2 * each_sphere} poses' in capture.communicate()[0]
     finally:
         perfect.close()

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -94,8 +94,10 @@ def recover(bad: str | Path, out: str | Path) -> Recovery:
     return found
 
 
-def repair(bag: str | Path) -> list[FileAccount]:
+def repair(bag: str | Path, told: Callable[[str], None] = lambda line: None) -> list[FileAccount]:
     """Make every file of a bag's folder complete, in its place; what each then holds.
+
+    `told` gets a line for each file that was not complete.
 
     A file is exchanged for its recovered copy in one step, so that a repair cut short does no
     harm. Files that are complete stay as they are. One that was cut before its first chunk is
@@ -114,7 +116,7 @@ def repair(bag: str | Path) -> list[FileAccount]:
         for left in folder.glob('.repair-*'):
             shutil.rmtree(left)
         for file in files:
-            account = _repaired(file)
+            account = _repaired(file, told)
             if account.messages:
                 accounts.append(account)
             elif file.stat().st_size > UNBEGUN:
@@ -136,12 +138,14 @@ def _list_files(folder: Path, accounts: list[FileAccount]) -> None:
         folder.rmdir()
 
 
-def _repaired(file: Path) -> FileAccount:
+def _repaired(file: Path, told: Callable[[str], None]) -> FileAccount:
     with tempfile.TemporaryDirectory(prefix='.repair-', dir=file.parent) as part:
         found, copy = Recovery(), BagWriter(Path(part) / 'copy')
         with copy:
             _copy(file, copy, found)
         account = copy.close()
+        if found.lossy:
+            told(f'{file}: {found.messages} messages recovered, missing: {found.loss()}')
         if found.lossy and found.messages:
             (copy.path / account.name).replace(file)
     account.name = file.name
