@@ -11,6 +11,7 @@ from calib_model.arm_from_urdf import read_urdf
 from calib_model.command import CommandParser, UsageError, run_command
 from calib_model.progress import Progress
 from calib_solver.identification import Options
+from calib_solver.joint_error_choice import chosen_kinds
 from calib_solver.loading import Calibration, Effort, Sources, calibrate
 from calib_solver.objectives import OBJECTIVES
 from calib_solver.prior import chosen_prior
@@ -100,6 +101,26 @@ def arguments() -> CommandParser:
         help='rejecting (default): gross errors are left out and listed; plain: every pose counts',
     )
     parser.add_argument(
+        '--joint-errors',
+        default='',
+        metavar='KINDS',
+        help='identify encoder, compliance or both (encoder,compliance) with the D-H parameters, '
+        'as far as locations left out get better by it',
+    )
+    parser.add_argument(
+        '--links',
+        default='',
+        metavar='FILE',
+        help="the links' masses and centres, YAML or URDF, for compliance",
+    )
+    parser.add_argument(
+        '--correction',
+        default='off',
+        metavar='CHOICE',
+        help='of eq. 12, as functions of the joints: off (default); auto: only if locations left '
+        'out get better by it; harmonic: in any case',
+    )
+    parser.add_argument(
         '--monte-carlo',
         type=int,
         default=0,
@@ -152,10 +173,12 @@ def run(argv: Sequence[str] | None = None) -> Calibration:
         tuple(given.free),
         chosen_prior(given.prior),
         given.loss,
+        given.correction,
+        chosen_kinds(given.joint_errors),
     )
     sources = Sources(
-        tuple(given.bag), given.arm, given.probe, given.gauge, raw=raw_choice(given),
-        anew=given.raw,
+        tuple(given.bag), given.arm, given.probe, given.gauge, given.links, raw_choice(given),
+        given.raw,
     )  # fmt: skip
     test = [bag for group in given.test for bag in group]
     plan = Plan(given.monte_carlo, given.bootstrap, given.seed)

@@ -14,6 +14,7 @@ from calib_model.arm import Arm
 from calib_model.correction import Correction
 from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.errors import DataError
+from calib_model.gravity import read_links
 from calib_model.probe import Probe
 from calib_model.probing import Measurement, ProbingSet
 from calib_model.progress import Pace, Progress
@@ -36,15 +37,15 @@ ROUNDS = 3  # identifications at most until the numbers of a raw bag's spheres s
 
 @dataclass(frozen=True)
 class Sources:
-    """Bags that make one measurement, and YAML files that take the place of their descriptions.
-
-    Bags without poses are paired and sorted as `raw` says, `anew` those with poses, too.
-    """
+    """Bags that make one measurement, and YAML files that take the place of their descriptions;
+    `links` is a YAML or URDF file with what the arm's links weigh. Bags without poses are paired
+    and sorted as `raw` says, `anew` those with poses, too."""
 
     bags: tuple[str, ...]
     arm: str = ''
     probe: str = ''
     gauge: str = ''
+    links: str = ''
     raw: RawChoice = RawChoice()
     anew: bool = False
 
@@ -219,7 +220,10 @@ def calibrate(
     """
     effort = effort or Effort()
     unseen = load_all(replace(sources, bags=tuple(test)), effort.reading) if test else None
-    loaded, done, resampled = _identified(load_all(sources, effort.reading), options, effort)
+    loaded = load_all(sources, effort.reading)
+    if sources.links:
+        options = replace(options, links=read_links(sources.links, loaded.measured.arm))
+    loaded, done, resampled = _identified(loaded, options, effort)
     held_out, notes = None, loaded.lines
     if unseen is not None:
         unseen = unseen.told_with(done.arm, done.probe, done.model)

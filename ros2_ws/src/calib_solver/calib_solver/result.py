@@ -8,11 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from calib_model.bag_writer import write_whole
+from calib_model.correction import correction_yaml
 from calib_model.description import arm_yaml, probe_yaml
 from calib_model.errors import CalibrationError
+from calib_model.joint_errors import KINDS
 from calib_model.rotation import RigidTransform
 from calib_model.urdf import arm_urdf
 from calib_solver.account import accounts
+from calib_solver.beyond_record import account_record, correction_record, joint_errors_record
 from calib_solver.diagnostics import diagnostics_record
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
@@ -29,6 +32,7 @@ def result_record(
     done: Identification, held_out: HeldOut | None = None, resampled: Resampled | None = None
 ) -> Record:
     """The content of `result.json`; `resampled` is what repetitions say of the uncertainties."""
+    corrected = held_out.corrected if held_out is not None else None
     return {
         'schema': SCHEMA,
         'arm': done.arm.name,
@@ -56,23 +60,17 @@ def result_record(
         'rejected': [vars(one) for one in done.rejected],
         'diagnostics': diagnostics_record(done),
         'resampling': resampling_record(done, resampled) if resampled is not None else None,
+        'joint_errors': joint_errors_record(done),
+        'correction': correction_record(done, corrected),
     }
 
 
 def parameter_records(done: Identification) -> list[Record]:
-    """Every parameter of the table that is in use, in its order."""
+    """Every D-H and probe parameter of the table that is in use, in its order."""
     return [
-        {
-            'name': account.parameter.name,
-            'unit': account.parameter.unit,
-            'initial': account.parameter.nominal,
-            'identified': account.identified,
-            'standard_uncertainty': account.standard_uncertainty,
-            'free': account.parameter.free,
-            'identifiable': account.identifiable,
-            'reason': account.reason,
-        }
+        account_record(account)
         for account in accounts(done)
+        if account.parameter.kind not in KINDS
     ]
 
 
@@ -98,9 +96,11 @@ def probe_fit_record(fit: ProbeFit) -> Record:
 def write_results(
     folder: str | Path, done: Identification, record: Record, report: str
 ) -> list[Path]:
-    """Write `result.json`, `arm.yaml`, `probe.yaml`, `arm.urdf` and `report.html`.
+    """Write `result.json`, `arm.yaml`, `probe.yaml`, `arm.urdf`, `report.html`, and
+    `correction.yaml` where there is something beyond the D-H parameters.
 
-    Each is written whole or not at all; `report` is the page's text.
+    Each is written whole or not at all; `report` is the page's text. A correction that an earlier
+    run left there is taken away: it belongs to another arm.yaml.
 
     Raises:
         CalibrationError: the folder or a file in it cannot be written.
@@ -113,8 +113,12 @@ def write_results(
         'report.html': report,
         'result.json': json.dumps(record, indent=1, allow_nan=False) + '\n',
     }
+    if done.correction is not None:
+        texts['correction.yaml'] = correction_yaml(done.correction)
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        if done.correction is None:
+            (folder / 'correction.yaml').unlink(missing_ok=True)
         for name, text in texts.items():
             write_whole(folder / name, text)
     except OSError as error:

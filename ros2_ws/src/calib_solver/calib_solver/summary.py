@@ -25,13 +25,18 @@ def summary(calibration: Calibration) -> str:
     poses, spheres = len(done.problem.joints), len(done.problem.keys)
     lines.append(
         f'{done.arm.name}: {poses} poses of {spheres} spheres at {len(done.problem.locations)} '
-        f'locations, {len(done.fit.x)} of {len(calibration.record["parameters"])} parameters free'
+        f'locations, {len(done.fit.x)} of {_parameters(calibration.record)} parameters free'
     )
     columns = {'initial': done.initial, 'identified': done.identified}
     if calibration.test is not None and calibration.test_initial is not None:
         columns['held-out initial'] = calibration.test_initial
         columns['held-out'] = calibration.test
+    if done.corrected is not None:
+        columns['corrected'] = done.corrected
+    if calibration.held_out is not None and calibration.held_out.corrected is not None:
+        columns['held-out corr.'] = calibration.held_out.corrected
     lines += table(columns)
+    lines += beyond_lines(calibration.record)
     unseen = [
         record['name']
         for record in calibration.record['parameters']
@@ -47,6 +52,27 @@ def summary(calibration: Calibration) -> str:
     lines.append(calibration.verdict)
     lines += [f'wrote {path}' for path in calibration.written]
     return '\n'.join(lines)
+
+
+def _parameters(record: Record) -> int:
+    """How many there are, joint errors included."""
+    errors = record['joint_errors']
+    return len(record['parameters']) + (len(errors['parameters']) if errors is not None else 0)
+
+
+def beyond_lines(record: Record) -> list[str]:
+    """What became of the joint errors and of eq. 12, where they were asked for."""
+    lines: list[str] = []
+    if record['joint_errors'] is not None:
+        lines += record['joint_errors']['verdict']
+        lines += [
+            f'  {one["name"]}: {one["reason"]}'
+            for one in record['joint_errors']['parameters']
+            if one['free'] and not one['identifiable']
+        ]
+    if record['correction'] is not None:
+        lines.append(record['correction']['verdict'])
+    return lines
 
 
 def prior_lines(record: Record) -> list[str]:

@@ -16,7 +16,7 @@ PARAMETER = {
     'name', 'unit', 'initial', 'identified', 'standard_uncertainty', 'free', 'identifiable',
 }  # fmt: skip
 #: keys beyond the contract's first list: whoever adds one says so here
-ADDED_TOP = {'warnings', 'rejected', 'diagnostics', 'resampling'}
+ADDED_TOP = {'warnings', 'rejected', 'diagnostics', 'resampling', 'joint_errors', 'correction'}
 ADDED_PARAMETER = {'reason'}
 SOLVER = {
     'iterations', 'evaluations', 'phi_initial', 'phi_final', 'seconds', 'converged', 'reason',
@@ -191,6 +191,60 @@ def parameters(records: list[Record]) -> None:
     assert names == expected + betas + PROBE_NAMES
 
 
+GAIN = {'change', 'standard_error', 'rms_before', 'rms_after'}
+LEFT_OUT = {'two_sigma_before', 'two_sigma_after', 'distance_before', 'distance_after'}
+CORRECTION = {
+    'accepted', 'verdict', 'turn_harmonics', 'shift_harmonics', 'attitude', 'strength', 'folds',
+    'gain', 'quality',
+}  # fmt: skip
+JOINT_ERRORS = {'offered', 'identified', 'verdict', 'folds', 'tried', 'parameters'}
+
+
+def gain(record: Record) -> None:
+    number(record['change'], -1.0)
+    for key in GAIN - {'change'}:
+        number(record[key], 0.0)
+
+
+def joint_errors(record: Record) -> None:
+    keys(record, JOINT_ERRORS)
+    assert set(record['identified']) <= set(record['offered']) <= {'encoder', 'compliance'}
+    for line in record['verdict']:
+        text(line)
+    count(record['folds'])
+    for tried in record['tried']:
+        keys(tried, {'kind', 'identified'} | GAIN)
+        assert tried['kind'] in record['offered']
+        assert tried['identified'] == (tried['kind'] in record['identified'])
+        gain(tried)
+    for parameter in record['parameters']:
+        keys(parameter, PARAMETER, ADDED_PARAMETER)
+        kind = parameter['name'].split('_')[0]
+        assert kind in record['identified']
+        assert parameter['unit'] == ('rad' if kind == 'encoder' else 'rad/(N m)')
+        number(parameter['identified'])
+
+
+def correction(record: Record) -> None:
+    keys(record, CORRECTION)
+    for key in ('accepted', 'attitude'):
+        assert type(record[key]) is bool
+    text(record['verdict'])
+    for key in ('turn_harmonics', 'shift_harmonics', 'folds'):
+        count(record[key])
+    number(record['strength'], 0.0)
+    if record['gain'] is not None:
+        keys(record['gain'], GAIN | LEFT_OUT)
+        gain(record['gain'])
+        for key in LEFT_OUT:
+            number(record['gain'][key], 0.0)
+    assert (record['quality'] is None) == (not record['accepted'])
+    if record['quality'] is not None:
+        quality(record['quality']['identified'])
+        if record['quality']['test'] is not None:
+            quality(record['quality']['test'])
+
+
 def result(record: Record) -> None:
     """The whole of `result.json`."""
     keys(record, TOP, ADDED_TOP)
@@ -221,3 +275,7 @@ def result(record: Record) -> None:
         for key in ('residual_rms', 'orthogonality_error', 'condition'):
             number(record['probe_fit'][key], 0.0)
     assert all(isinstance(line, str) and line for line in record['warnings'])
+    if record['joint_errors'] is not None:
+        joint_errors(record['joint_errors'])
+    if record['correction'] is not None:
+        correction(record['correction'])

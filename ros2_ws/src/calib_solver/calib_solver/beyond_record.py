@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What `result.json` says of all that goes beyond the D-H parameters: joint errors and eq. 12."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from calib_model.joint_errors import KINDS
+from calib_solver.account import Account, accounts
+from calib_solver.identification import Identification
+from calib_solver.leaving_out import Gain
+from calib_solver.quality import Quality
+from calib_solver.quality_record import quality_record
+
+Record = dict[str, Any]
+
+
+def account_record(account: Account) -> Record:
+    """A parameter with its value before and after, SI."""
+    return {
+        'name': account.parameter.name,
+        'unit': account.parameter.unit,
+        'initial': account.parameter.nominal,
+        'identified': account.identified,
+        'standard_uncertainty': account.standard_uncertainty,
+        'free': account.parameter.free,
+        'identifiable': account.identifiable,
+        'reason': account.reason,
+    }
+
+
+def joint_errors_record(done: Identification) -> Record | None:
+    """Which joint errors were offered and which identified; None where none was asked for."""
+    choice = done.joint_error_choice
+    if choice is None:
+        return None
+    return {
+        'offered': list(choice.offered),
+        'identified': list(choice.accepted),
+        'verdict': choice.lines,
+        'folds': choice.folds,
+        'tried': [
+            {'kind': one.kind, 'identified': one.accepted, **gain_record(one.gain)}
+            for one in choice.tried
+        ],
+        'parameters': [
+            account_record(one) for one in accounts(done) if one.parameter.kind in KINDS
+        ],
+    }
+
+
+def correction_record(done: Identification, test: Quality | None = None) -> Record | None:
+    """What came of eq. 12, None where it was not asked for; `test` is the held-out quality with
+    the correction. Errors left out are rms over gauge locations not fitted to, m."""
+    choice = done.choice_12
+    if choice is None:
+        return None
+    record: Record = {
+        'accepted': choice.accepted,
+        'verdict': choice.verdict,
+        'turn_harmonics': choice.turn,
+        'shift_harmonics': choice.shift,
+        'attitude': choice.attitude,
+        'strength': choice.strength,
+        'folds': choice.folds,
+        'gain': None,
+        'quality': None,
+    }
+    if choice.gain is not None and choice.two_sigma is not None and choice.distance is not None:
+        record['gain'] = {
+            **gain_record(choice.gain),
+            'two_sigma_before': choice.two_sigma[0],
+            'two_sigma_after': choice.two_sigma[1],
+            'distance_before': choice.distance[0],
+            'distance_after': choice.distance[1],
+        }
+    if done.corrected is not None:
+        record['quality'] = {
+            'identified': quality_record(done.corrected),
+            'test': quality_record(test) if test is not None else None,
+        }
+    return record
+
+
+def gain_record(gain: Gain) -> Record:
+    """A gain on locations left out: `change` is a ratio less 1, below zero where it helps."""
+    return {
+        'change': gain.ratio - 1,
+        'standard_error': gain.standard_error,
+        'rms_before': gain.before,
+        'rms_after': gain.after,
+    }
