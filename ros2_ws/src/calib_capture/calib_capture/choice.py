@@ -118,17 +118,21 @@ class Telling:
         """The information (F, F) without any pose."""
         return np.eye(len(self._sigma))
 
-    def position_uncertainty(self, information: Array, seed: int = 0) -> float:
-        """Standard uncertainty (m) of a probed position in the arm's base frame: the root mean
-        square over postures anywhere between the joint limits, from the information (F, F)."""
+    def position_uncertainties(self, information: Array, seed: int = 0) -> Array:
+        """Standard uncertainty (m) of a probed position in the arm's base frame at postures
+        anywhere between the joint limits (POSTURES,), from the information (F, F)."""
         limits = np.clip(self._arm.limits, -np.pi, np.pi)
         generator = np.random.default_rng(seed)
         joints = generator.uniform(limits[:, 0], limits[:, 1], (POSTURES, self._arm.n))
         own = self.rows(joints, np.zeros((POSTURES, 3)))[:, :, : len(self._sigma)]
         own = own * self.settings.noise
         covariance = np.linalg.inv(information)
-        variance = np.einsum('nkf,fg,nkg->n', own, covariance, own)
-        return float(np.sqrt(variance.mean()))
+        found: Array = np.sqrt(np.einsum('nkf,fg,nkg->n', own, covariance, own))
+        return found
+
+    def position_uncertainty(self, information: Array) -> float:
+        """The root mean square of these."""
+        return float(np.sqrt(np.mean(self.position_uncertainties(information) ** 2)))
 
 
 @dataclass(frozen=True)
