@@ -6,7 +6,6 @@ break what was right today. Where the database cannot be reached it says so.
 """
 import json
 import re
-import sys
 import urllib.error
 import urllib.request
 from pathlib import Path
@@ -39,7 +38,8 @@ def main() -> None:
     try:
         found = known(packages)
     except (urllib.error.URLError, TimeoutError) as error:
-        sys.exit(print(f'audit: not done, {DATABASE} cannot be reached ({error})'))
+        print(f'audit: not done, {DATABASE} cannot be reached ({error})')
+        return
     for (name, version), identifiers in zip(packages, found, strict=True):
         if identifiers:
             print(f'audit: {name} {version}: {", ".join(identifiers)}')
