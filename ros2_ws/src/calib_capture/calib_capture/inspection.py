@@ -12,15 +12,21 @@ FREQUENT = 3  # reasons named per sphere
 
 
 def program_text(program: Program) -> list[str]:
-    """Lines: poses per sphere and branch, what was refused and why, what is to be expected."""
+    """Lines: poses per sphere and branch, what was refused and why, how many ways go around
+    something, what is to be expected."""
     locations = {plan.location for plan in program.spheres}
     counted = f'{_count(len(program.spheres), "sphere")} at {_count(len(locations), "location")}'
     lines = [f'{_count(len(program.poses), "pose")} of {counted}', '']
     lines += _spheres(program)
     lines += ['', 'branches: the signs of shoulder, elbow and wrist; refused:', '']
     lines += _refusals(program)
-    for location, sphere in program.unreached:
-        lines += ['', f'location {location}: sphere {sphere} is out of reach']
+    around = sum(len(pose.way) > 1 for pose in program.poses)
+    lines += ['', f'ways to poses that go around something: {around} of {len(program.poses)}']
+    lines += [''] * bool(program.unreached)
+    for plan in program.spheres:
+        if not plan.poses:
+            why = ', '.join(f'{reason} {n}' for reason, n in plan.reasons.items())
+            lines.append(f'location {plan.location}: sphere {plan.sphere} is out of reach: {why}')
     if program.expected is not None:
         before, after = program.expected.before * 1e3, program.expected.after * 1e3
         lines += [

@@ -20,8 +20,14 @@ from calib_model.placement import parse_placements
 
 ABOUT = """\
 Plan the measuring program that `capture` with the same settings would run, and tell of it: how
-many poses each sphere gets in which branch of the arm, which postures were refused and why, and
-how sure positions are to be expected after a calibration with these poses."""
+many poses each sphere gets in which branch of the arm, which postures were refused and why, how
+many ways between poses go around something, and how sure positions are to be expected after a
+calibration with these poses.
+
+Nothing may touch: arm, probe, the gauge where it stands, and the floor, which is the plane on
+which the arm is mounted. How thick links are is assumed from the arm's reach; before a real arm
+moves give --bodies, as config/bodies/kr5.yaml of calib_bringup, where `floor: -0.4` is one 0.4 m
+lower and `floor: null` none."""
 
 EXAMPLE = """\
 example:
@@ -89,7 +95,8 @@ def _parser() -> CommandParser:
     )  # fmt: skip
     parser.add_argument(
         '--pool', type=int, default=default.pool, metavar='N',
-        help='candidates for each pose, of which the most telling are taken (default: %(default)s)',
+        help='candidates for each pose, of which the most telling are taken (default: %(default)s; '
+        '1: no choosing, planned in half the time)',
     )  # fmt: skip
     parser.add_argument(
         '--cap', type=float, default=70.0, metavar='DEG',
@@ -97,10 +104,12 @@ def _parser() -> CommandParser:
     )  # fmt: skip
     parser.add_argument(
         '--approach', type=float, default=default.approach, metavar='M',
-        help="way along the probe's axis that must be free (default: %(default)s)",
+        help="way along the probe's axis by which the arm comes and leaves (default: %(default)s); "
+        '0: straight from contact to contact, whatever is between',
     )  # fmt: skip
     parser.add_argument(
-        '--bodies', type=Path, metavar='FILE.yaml', help='sizes of arm, probe and gauge'
+        '--bodies', type=Path, metavar='FILE.yaml',
+        help='sizes of arm, probe and gauge, and where the floor is',
     )
     parser.add_argument('--seed', type=int, default=default.seed, metavar='N')
     return parser
