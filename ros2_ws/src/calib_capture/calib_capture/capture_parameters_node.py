@@ -138,7 +138,7 @@ class ParameterReader:
             approach=self._number('approach', default.approach, _APPROACH, 0.0, 1.0),
             drive_approach=self._parameters.flag(
                 'drive_approach', default.drive_approach,
-                'whether the arm comes and leaves by that way', _later,
+                'whether the arm comes and leaves by it; if not, ways are not looked at', _later,
             ),
             pool=self._whole('pool', default.pool, _POOL, 1, 1000),
             bodies=self._bodies(),
@@ -146,7 +146,7 @@ class ParameterReader:
         )
 
     def _bodies(self) -> BodySettings:
-        text = 'path of a YAML file: sizes of arm, probe and gauge; empty: from the descriptions'
+        text = 'path of a YAML file: sizes of arm, probe, gauge, floor; empty: from the descriptions'
         path = self._text('bodies', '', text)
         return read_description(path, parse_bodies) if path else BodySettings()
 
@@ -177,6 +177,9 @@ class ParameterReader:
             hold=steady.settle + steady.dwell + rest,
             speed=self._number(
                 'speed', default.speed, 'of each joint, share of its limit', 1e-3, 1.0
+            ),
+            approach_speed=self._number(
+                'approach_speed', default.approach_speed, "m/s along the probe's axis", 1e-3, 2.0
             ),
             answer_timeout=self._number(
                 'answer_timeout', default.answer_timeout, text, 0.1, 3600.0
