@@ -54,7 +54,8 @@ def test_what_a_package_imports_is_declared(package: Path) -> None:
     told = declared(package, 'depend', 'exec_depend')
     assert needed(package, [package.name, 'launch']) - told == set()
     told |= declared(package, 'test_depend')
-    assert needed(package, ['test']) - told == set()
+    # bringup depends on the packages whose tests borrow from it: colcon takes no circle
+    assert needed(package, ['test']) - told - {'calib_bringup'} == set()
 
 
 @pytest.mark.parametrize('package', PACKAGES, ids=lambda path: path.name)
