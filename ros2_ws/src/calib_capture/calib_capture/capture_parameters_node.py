@@ -146,7 +146,7 @@ class ParameterReader:
         )
 
     def _bodies(self) -> BodySettings:
-        text = 'path of a YAML file: sizes of arm, probe, gauge, floor; empty: from the descriptions'
+        text = 'path of a YAML file: sizes of arm, probe and gauge, floor; empty: assumed'
         path = self._text('bodies', '', text)
         return read_description(path, parse_bodies) if path else BodySettings()
 
