@@ -61,8 +61,7 @@ def outcomes(seed: int, poses: int = faro.POSES, test_poses: int = faro.TEST_POS
             done = faro.identified(kind, seed, objective, poses)
             test = faro.tested(kind, seed, objective, poses, test_poses)
             means += [Means.of(done.identified), Means.of(test)]
-        own, test, own_13, test_13 = means
-        found[kind] = Outcome(own, test, own_13, test_13)
+        found[kind] = Outcome(*means)
     faro.forget()
     return found
 

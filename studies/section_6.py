@@ -81,7 +81,10 @@ class Robot:
         self, places: dict[int, RigidTransform], spheres: Sequence[int], poses: int
     ) -> Program:
         """The measuring program around spheres of the gauge where it is said to stand."""
-        settings = ProgramSettings(tuple(spheres), poses, seed=self.seed)
+        # straight from pose to pose: a simulation does not mind what is between
+        settings = ProgramSettings(
+            tuple(spheres), poses, drive_approach=False, pool=1, seed=self.seed
+        )
         return Planner(self.arm, self.probe, GAUGE, settings).program(places)
 
     def probed(self, program: Program, purpose: int) -> Measurement:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from calib_solver.account import Account, accounts
@@ -61,7 +63,7 @@ def _shown(account: Account) -> str:
     return f'{account.identified * scale:.4f}{" " if told else "*"}'
 
 
-def _parameters(joints: object, probe: tuple[str, ...]) -> list[str]:
+def _parameters(joints: Sequence[tuple[str, ...]], probe: tuple[str, ...]) -> list[str]:
     rows = [(str(number), *row) for number, row in enumerate(joints, start=1)]
     lines = columns(HEADER, rows)
     return [*lines, *columns(PROBE, [('', *probe)])]

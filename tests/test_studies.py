@@ -16,8 +16,11 @@ sys.path.insert(0, str(ROOT))
 from studies.running import RESULTS, findings, written  # noqa: E402
 
 MAKEFILE = (ROOT / 'Makefile').read_text(encoding='utf-8')
-STUDIES = re.search(r'^STUDIES := ((?:.*\\\n)*.*)$', MAKEFILE, re.MULTILINE)[1].split()
-STUDIES = [name for name in STUDIES if name != '\\']
+STUDIES = [
+    name
+    for listed in re.findall(r'^(?:ONE_CORE|TWO_CORES) := (.*)$', MAKEFILE, re.MULTILINE)
+    for name in listed.split()
+]
 
 
 def modules_with_a_study() -> set[str]:
