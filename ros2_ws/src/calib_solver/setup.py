@@ -53,6 +53,8 @@ setup(
             'solver = calib_solver.solver_node:main',
             'identify = calib_solver.identify:main',
             'evaluate = calib_solver.evaluate:main',
+            'compensate = calib_solver.compensate:main',
+            'kuka_figures = calib_solver.kuka_figures:main',
         ],
     },
 )

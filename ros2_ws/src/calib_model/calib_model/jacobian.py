@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a probed sphere's centre moves with every column of the parameter table."""
+"""How a probed sphere's centre moves with every parameter, and a tool with the joints."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from calib_model.arm import JOINT_PARAMETERS, Arm
-from calib_model.kinematics import point_derivatives
+from calib_model.kinematics import joint_frames, point_derivatives
 from calib_model.probe import Probe
-from calib_model.rotation import Array, left_jacobian, skew
+from calib_model.rotation import Array, RigidTransform, left_jacobian, skew
 
 
 def probing_jacobian(
@@ -31,3 +33,34 @@ def probing_jacobian(
         axis=2,
     )
     return derivatives.p_base, jacobian
+
+
+@dataclass(frozen=True)
+class ToolMotion:
+    """Where a tool is in N postures and how it moves with the joints, all in the base frame.
+
+    `position` (N, 3), m; `rotation` (N, 3, 3); `jacobian` (N, 6, n): the linear velocity of its
+    origin, m/rad, above its angular velocity, rad/rad.
+    """
+
+    position: Array
+    rotation: Array
+    jacobian: Array
+
+
+def tool_motion(arm: Arm, q: Array, flange_T_tool: RigidTransform) -> ToolMotion:
+    """The pose of a tool on the flange in postures q (N, n), rad, and its geometric Jacobian.
+
+    Raises:
+        DataError: `q` has not the arm's number of joints.
+    """
+    T_last_tool = arm.dh_T_flange.matrix() @ flange_T_tool.matrix()
+    frames = list(joint_frames(arm, q))
+    last = frames[-1]
+    position = last.origin + last.rotation @ T_last_tool[:3, 3]
+    jacobian = np.empty((len(position), 6, arm.n))
+    for i, frame in enumerate(frames):
+        axis = arm.direction[i] * frame.z_joint
+        jacobian[:, :3, i] = np.cross(axis, position - frame.origin_joint)
+        jacobian[:, 3:, i] = axis
+    return ToolMotion(position, last.rotation @ T_last_tool[:3, :3], jacobian)
