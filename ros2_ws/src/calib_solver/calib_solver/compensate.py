@@ -121,9 +121,9 @@ def compensate_file(
 
 
 def rows_of(
-    position: Array, rotation_vector: Array, joint_position: Array, n: int
+    n: int, position: Array, rotation_vector: Array, joint_position: Array
 ) -> TargetTable:
-    """Targets given row after row instead of as a table; what is empty is not given.
+    """Targets given row after row, for an arm of n joints; what is empty is not given.
 
     Raises:
         DataError: they are no whole rows, or not as many.
