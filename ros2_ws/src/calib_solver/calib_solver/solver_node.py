@@ -7,7 +7,8 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from calib_interfaces.srv import Evaluate, FitProbe, Identify
+import numpy as np
+from calib_interfaces.srv import Compensate, Evaluate, FitProbe, Identify
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
@@ -19,6 +20,7 @@ from calib_model.parameters_node import Parameters
 from calib_model.run_node import NodeCommand, run_node
 from calib_model.topics import SOLVER_MARKERS
 from calib_solver import messages
+from calib_solver.compensate import compensate_file, rows_of
 from calib_solver.evaluate import evaluation_record
 from calib_solver.fitting import fit_from
 from calib_solver.identification import Identification, Options
@@ -26,9 +28,11 @@ from calib_solver.loading import Effort, Sources, bag_list, calibrate
 from calib_solver.markers import residuals
 from calib_solver.prior import chosen_prior
 from calib_solver.resampling import Plan
+from calib_solver.target_table import TargetTable
 
 ABOUT = """\
-The solver: answers /identify (eq. 11), /fit_probe (eq. 15) and /evaluate on recorded bags."""
+The solver: answers /identify (eq. 11), /fit_probe (eq. 15) and /evaluate on recorded bags,
+and /compensate with joint commands that really get there."""
 EXAMPLE = """\
 ros2 run calib_solver solver
   ros2 service call /identify calib_interfaces/srv/Identify "{bag: 'bags/demo/identification'}\""""
@@ -53,7 +57,7 @@ def read_parameters(node: Any, on_magnification: Callable[[float], None] = _noth
 
 
 class SolverNode(Node):
-    """Answers `/identify`, `/fit_probe` and `/evaluate`; several calls may be under way at once."""
+    """Answers `/identify`, `/fit_probe`, `/evaluate` and `/compensate`, several calls at once."""
 
     def __init__(self) -> None:
         super().__init__('solver')
@@ -67,12 +71,13 @@ class SolverNode(Node):
             (Identify, 'identify', self._identify),
             (FitProbe, 'fit_probe', self._fit_probe),
             (Evaluate, 'evaluate', self._evaluate),
+            (Compensate, 'compensate', self._compensate),
         )
         self._offered = [
             self.create_service(kind, name, self._guarded(work), callback_group=group)
             for kind, name, work in services
         ]
-        self.get_logger().info('ready: /identify, /fit_probe, /evaluate')
+        self.get_logger().info('ready: /identify, /fit_probe, /evaluate, /compensate')
 
     def _guarded(self, work: Callable[[Any, Any], None]) -> Callable[[Any, Any], Any]:
         """The service callback of `work`: our own errors become an answer, the node lives on."""
@@ -152,6 +157,23 @@ class SolverNode(Node):
         response.quality = messages.quality(record)
         response.spheres = messages.spheres(record['spheres'])
         response.message = f'{len(record["spheres"])} spheres evaluated'
+
+    def _compensate(self, request: Compensate.Request, response: Compensate.Response) -> None:
+        def rows(n: int) -> TargetTable:
+            position, turn = np.array(request.position), np.array(request.rotation_vector)
+            return rows_of(n, position, turn, np.array(request.joint_position))
+
+        finished = compensate_file(
+            request.result, request.table or rows, request.output, request.tool,
+            request.position_only,
+        )  # fmt: skip
+        done = finished.done
+        response.rows = len(done.joints)
+        response.joint_command = done.joints.reshape(-1).tolist()
+        response.miss_mean, response.miss_max = float(done.miss.mean()), float(done.miss.max())
+        response.change_max = finished.change
+        response.written = [str(path) for path in finished.written]
+        response.message = finished.verdict
 
 
 def _sources(request: Any) -> Sources:
