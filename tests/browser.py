@@ -110,7 +110,7 @@ class Browser:
     def show(self, path: Path, width: int, dark: bool = False, media: str = 'screen') -> None:
         """Load a file as a window of that width shows it, and wait until it is drawn."""
         self.call('Emulation.setDeviceMetricsOverride', width=width, height=900,
-                  deviceScaleFactor=1, mobile=width < 600)  # fmt: skip
+                  deviceScaleFactor=1, mobile=False)  # fmt: skip
         scheme = {'name': 'prefers-color-scheme', 'value': 'dark' if dark else 'light'}
         self.call('Emulation.setEmulatedMedia', media=media, features=[scheme])
         self.events.clear()
@@ -153,6 +153,7 @@ class Browser:
 
     def paper(self, path: Path) -> None:
         """The page as it prints on A4, PDF."""
+        self.call('Emulation.setEmulatedMedia', media='print')
         answer = self.call('Page.printToPDF', paperWidth=8.27, paperHeight=11.69,
                            preferCSSPageSize=True)  # fmt: skip
         path.write_bytes(base64.b64decode(answer['data']))

@@ -47,7 +47,9 @@ def _free(done: Identification, parameter: Parameter, value: float, index: int) 
         return Account(parameter, value, uncertainty, False, reason)
     reason = f'told by the poses to {size}'
     if done.options.prior.strength > 0 and uncertainty > 0:
-        reason += f', {before / uncertainty:.3g} times better than by the prior'
+        times = before / uncertainty
+        shown = f'{times:,.0f}' if times >= 100 else f'{times:.3g}'
+        reason += f', {shown} times better than by the prior'
     return Account(parameter, value, uncertainty, True, reason)
 
 

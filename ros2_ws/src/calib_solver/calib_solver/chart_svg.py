@@ -10,9 +10,9 @@ import numpy as np
 from calib_model.rotation import Array
 from calib_solver.charts import SHAPES, Band, Chart, Range, Series, ranges, tick_text
 
-LEFT, RIGHT, TOP, BOTTOM = 60.0, 12.0, 12.0, 46.0
+LEFT, RIGHT, TOP, BOTTOM = 64.0, 20.0, 12.0, 52.0
 #: an axis name has room for a character every so many units, and so has a band's
-CHARACTER = 7.0
+CHARACTER = 6.2
 
 
 class Frame:
@@ -72,14 +72,14 @@ def _y_axis(chart: Chart, frame: Frame) -> str:
         lines.append(f'M{LEFT:g} {y:.1f}H{frame.right:g}')
         texts.append(_text(LEFT - 6, y + 4, tick_text(tick), 'end'))
     middle = (TOP + frame.bottom) / 2
-    turned = f'transform="rotate(-90 13 {middle:g})"'
-    name = _text(13, middle, chart.y_label, 'middle', turned)
+    turned = f'transform="rotate(-90 11 {middle:g})"'
+    name = _text(11, middle, chart.y_label, 'middle', turned)
     return f'<path class="grid" d="{"".join(lines)}"/>{"".join(texts)}{name}'
 
 
 def _x_axis(chart: Chart, frame: Frame) -> str:
     lines, texts = [], []
-    below = frame.bottom + 16
+    below = frame.bottom + 20
     if chart.bands:
         for band in chart.bands[1:]:
             x = float(frame.across(np.array(band.begin)))
@@ -107,7 +107,7 @@ def _named(bands: tuple[Band, ...], frame: Frame) -> list[tuple[float, float, st
         middle = (left + right) / 2
         if middle - half >= free and middle + half <= frame.width:
             found.append((float(left), float(right), band.name))
-            free = middle + half + CHARACTER / 2
+            free = middle + half + 2
     return found
 
 
@@ -120,8 +120,13 @@ def _drawn(one: Series, frame: Frame) -> str:
     shown = np.isfinite(one.x) & np.isfinite(one.y)
     xs, ys = frame.across(one.x[shown]), frame.up(one.y[shown])
     if one.joined:
-        points = 'L'.join(f'{x:.1f} {y:.1f}' for x, y in zip(xs, ys, strict=True))
-        return f'<path class="line {one.role}" d="M{points}"/>' if points else ''
+        # a gap in the values is a gap in the line
+        begins = np.diff(np.concatenate([[-2], np.flatnonzero(shown)])) > 1
+        points = (
+            f'{"M" if begin else "L"}{x:.1f} {y:.1f}'
+            for begin, x, y in zip(begins, xs, ys, strict=True)
+        )
+        return f'<path class="line {one.role}" d="{"".join(points)}"/>'
     size = 'fine' if one.fine else 'marks'
     if one.role == 'z':
         marks = ''.join(f'M{x - 3:.1f} {y + 3:.1f}h6l-3 -5.6z' for x, y in zip(xs, ys, strict=True))

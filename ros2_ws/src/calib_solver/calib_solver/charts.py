@@ -17,9 +17,9 @@ ROLES = (
 )  # fmt: skip
 #: outlines in drawing units: most charts, clouds, one per joint, views of the workspace
 SHAPES = {
-    'wide': (460.0, 270.0),
-    'square': (300.0, 300.0),
-    'small': (300.0, 190.0),
+    'wide': (460.0, 280.0),
+    'square': (300.0, 290.0),
+    'small': (300.0, 200.0),
     'view': (460.0, 380.0),
 }
 #: superscripts

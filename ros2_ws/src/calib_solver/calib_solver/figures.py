@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOURS = {
-    'before': '#a3a8ad', 'after': '#0b62a4', 'held': '#c4590a',
+    'before': '#8b9196', 'after': '#0b62a4', 'held': '#c4590a',
     'x': '#0b62a4', 'y': '#22866a', 'z': '#a33f87',
-    'level1': '#9cc3e3', 'level2': '#5f9fd0', 'level3': '#2a78b5', 'level4': '#c4590a',
+    'level1': '#86b6dc', 'level2': '#5f9fd0', 'level3': '#2a78b5', 'level4': '#c4590a',
     'level5': '#8d1f1f',
 }  # fmt: skip
 MARKS = {'held': 's', 'y': 's', 'z': '^'}

@@ -9,6 +9,7 @@ from html import escape
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
 from calib_solver.quality_record import Record
+from calib_solver.report_beyond import beyond
 from calib_solver.report_figures import (
     convergence_chart,
     joint_charts,
@@ -16,7 +17,7 @@ from calib_solver.report_figures import (
     residual_charts,
 )
 from calib_solver.report_instruments import Inputs, certificate, inputs, instruments
-from calib_solver.report_page import charts, page, paragraph, part, section, warnings_box
+from calib_solver.report_page import charts, counted, page, paragraph, part, section, warnings_box
 from calib_solver.report_parameters import mount, parameters, repetitions
 from calib_solver.report_quality import Columns, full_quality, key_figures, measuring_arm
 from calib_solver.report_residuals import (
@@ -53,6 +54,7 @@ def report_html(
                 'arm base frame.'), charts(residual_charts(done, held_out), 'three'),
                 by_location(record), by_joint(record), charts(joint_charts(done), 'three'),
                 rejected(record)),
+        beyond(record),
         section('Workspace', charts(workspace_charts(done, held_out))),
         section('How it was computed', solver(record), charts([convergence_chart(done)])),
         section('Inputs and versions', certificate(done.problem.measured.gauge), inputs(given),
@@ -65,20 +67,26 @@ def _lead(done: Identification, record: Record) -> str:
     objective = OBJECTIVES.get(record['objective'], record['objective'])
     measured = done.problem.measured
     return (
-        f'{len(done.problem.joints)} poses of {len(done.problem.keys)} spheres at '
-        f'{len(done.problem.locations)} locations of the gauge {measured.gauge.name}, probed with '
-        f'{measured.probe.name}; identified by {objective}. '
+        f'{counted(len(done.problem.joints), "pose")} of '
+        f'{counted(len(done.problem.keys), "sphere")} at '
+        f'{counted(len(done.problem.locations), "location")} of the gauge {measured.gauge.name}, '
+        f'probed with {measured.probe.name}; identified by {objective}. '
         f'Report made {datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC.'
     )
 
 
 def _columns(record: Record) -> Columns:
-    """The qualities side by side."""
+    """The qualities side by side, those with eq. 12's correction where it was accepted."""
     quality = record['quality']
+    corrected = (record.get('correction') or {}).get('quality') or {}
     columns = {'initial': quality['initial'], 'identified': quality['identified']}
+    if corrected:
+        columns['corrected'] = corrected['identified']
     if quality['test'] is not None:
         columns['held out, initial'] = quality['test_initial']
         columns['held out, identified'] = quality['test']
+        if corrected:
+            columns['held out, corrected'] = corrected['test']
     return columns
 
 

@@ -17,6 +17,7 @@ from calib_solver.quality import Quality
 MOST_DOTS = 1500
 LEAST = 1e-7  # mm: keeps a perfect value on a logarithmic axis
 JOINT_BINS = 24
+FEWEST_IN_BIN = 4
 AXES = 'XYZ'
 
 
@@ -184,11 +185,14 @@ def joint_charts(done: Identification) -> list[Chart]:
 
 
 def _rms_by_angle(q: Array, size: Array) -> tuple[Array, Array]:
-    """Middles (B,) of bins of equally many poses along a joint, and the rms in each."""
-    order = np.argsort(q)
-    bins = np.array_split(order, max(1, min(JOINT_BINS, len(q) // 5)))
-    middle = np.array([q[rows].mean() for rows in bins])
-    return middle, np.array([np.sqrt(np.mean(size[rows] ** 2)) for rows in bins])
+    """Middles (B,) of stretches along a joint, and the rms in each, NaN where few poses are."""
+    count = int(np.clip(len(q) // 10, 2, JOINT_BINS))
+    edges = np.linspace(q.min(), q.max() + 1e-9, count + 1)
+    place = np.digitize(q, edges) - 1
+    poses = np.bincount(place, minlength=count)
+    squares = np.bincount(place, weights=size**2, minlength=count)
+    rms = np.sqrt(squares / np.maximum(poses, 1))
+    return (edges[:-1] + edges[1:]) / 2, np.where(poses >= FEWEST_IN_BIN, rms, np.nan)
 
 
 def convergence_chart(done: Identification) -> Chart:

@@ -19,7 +19,7 @@ from calib_model.probe import PassiveProbe, Probe
 from calib_model.probing import ProbingSet
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
-from calib_solver.report_page import facts, mm, paragraph, part, table
+from calib_solver.report_page import counted, facts, mm, paragraph, part, table
 
 PACKAGES = ('calib_solver', 'calib_model', 'numpy', 'mcap')
 #: stamps (ns) before 2001 are no time of day but a count
@@ -76,7 +76,12 @@ def _probe(probe: Probe) -> str:
 
 
 def _distance_uncertainty(gauge: Gauge) -> str:
-    return f'{gauge.constant * 1e6:g} µm + {gauge.proportional * 1e6:g} µm/m · L'
+    parts = []
+    if gauge.constant or not gauge.proportional:
+        parts.append(f'{gauge.constant * 1e6:g} µm')
+    if gauge.proportional:
+        parts.append(f'{gauge.proportional * 1e6:g} µm/m · L')
+    return ' + '.join(parts)
 
 
 def _taken(poses: ProbingSet, left_out: int = 0) -> str:
@@ -85,8 +90,8 @@ def _taken(poses: ProbingSet, left_out: int = 0) -> str:
     names = ', '.join(map(str, locations))
     readings = np.unique(poses.readings)
     text = (
-        f'{len(poses)} poses of {spheres} spheres at {len(locations)} '
-        f'location{"s" if len(locations) > 1 else ""} ({names}), '
+        f'{counted(len(poses), "pose")} of {counted(spheres, "sphere")} at '
+        f'{counted(len(locations), "location")} ({names}), '
         f'{_span(readings.tolist())} reading{"s" if readings.max() > 1 else ""} a pose'
     )
     if left_out:

@@ -105,6 +105,13 @@ def charts(shown: Sequence[Chart], columns: str = '') -> str:
     return f'<div class="{style}">{"".join(map(figure, shown))}</div>' if shown else ''
 
 
+def counted(count: int, name: str) -> str:
+    """A number of things."""
+    return f'{count} {name}{"" if count == 1 else "s"}'
+
+
 def mm(value: float | None) -> str:
     """A length in m as mm."""
-    return NOTHING if value is None else f'{value * MM:.4f}'.replace('-', '\u2212')
+    if value is None:
+        return NOTHING
+    return f'{round(value * MM, 4) + 0.0:.4f}'.replace('-', '\u2212')  # + 0.0: no -0.0000

@@ -11,7 +11,7 @@ METHODS = {'monte_carlo': 'Monte Carlo', 'bootstrap': 'bootstrap over locations'
 
 def parameters(record: Record) -> str:
     """Every parameter before and after, lengths in mm and angles in degrees."""
-    rows = [_row(parameter) for parameter in record['parameters']]
+    rows = [parameter_row(parameter) for parameter in record['parameters']]
     header = [
         'parameter', 'initial', 'identified', 'correction', 'std. uncertainty', 'unit',
         'what tells it',
@@ -24,7 +24,8 @@ def parameters(record: Record) -> str:
     ) + table('', header, rows, range(1, 5), {6: 'words'})  # fmt: skip
 
 
-def _row(parameter: Record) -> list[str]:
+def parameter_row(parameter: Record) -> list[str]:
+    """Before, after, correction, uncertainty, unit and reason of a parameter."""
     factor, unit = UNITS[parameter['unit']]
     before, after = parameter['initial'] * factor, parameter['identified'] * factor
     sure = parameter['standard_uncertainty']

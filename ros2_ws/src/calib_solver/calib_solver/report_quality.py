@@ -18,7 +18,7 @@ def key_figures(columns: Columns) -> str:
         for key in ('mean', 'max')
     ]
     header = ['mm', *columns]
-    return table('', header, rows, range(1, 5), name='key-figures')
+    return table('', header, rows, range(1, 1 + len(columns)), name='key-figures')
 
 
 def full_quality(columns: Columns) -> str:
@@ -39,7 +39,7 @@ def full_quality(columns: Columns) -> str:
              for key in ('max', 'mean', 'rms')]  # fmt: skip
     rows.append(['Eq. 11'])
     rows.append(['phi, mm²', *(f'{r["phi"] * 1e6:.4g}' for r in records)])
-    return table('', ['mm', *columns], rows, range(1, 5))
+    return table('', ['mm', *columns], rows, range(1, 1 + len(columns)))
 
 
 def _row(records: list[Record], group: str, key: str, label: str) -> list[str]:
@@ -99,7 +99,7 @@ def measuring_arm(columns: Columns) -> str:
             f'{arms[0]["basis"]}: a probed sphere stands for the seat, two spheres of the gauge '
             'for the length. No limits are set here.'
         )
-        + table('', ['mm', *columns], rows, range(1, 5))
+        + table('', ['mm', *columns], rows, range(1, 1 + len(columns)))
         + paragraph(
             '2 s = 2 √(Σ δ² / (n − 1)) with δ the distance in space of each of the n points on a '
             'seat from their mean. A length is measured between a single point on either sphere '

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from calib_solver.quality_record import Record
-from calib_solver.report_page import mm, paragraph, part, table
+from calib_solver.report_page import counted, mm, paragraph, part, table
 
 SHOWN_REJECTED = 50
 OBJECTIVES = {
@@ -20,8 +20,10 @@ def warnings(record: Record) -> list[str]:
     if not record['solver']['converged']:
         lines.insert(0, f'Not converged: {record["solver"]["reason"]}')
     if record['rejected']:
-        lines.append(f'{len(record["rejected"])} poses were left out as gross errors; they are '
-                     'listed under Residuals.')  # fmt: skip
+        lines.append(
+            f'{counted(len(record["rejected"]), "pose")} left out as gross errors, listed under '
+            'Residuals.'
+        )
     unseen = [p['name'] for p in record['parameters'] if p['free'] and not p['identifiable']]
     if unseen:
         lines.append('Not told by these poses, kept near nominal: ' + ', '.join(unseen))

@@ -6,8 +6,8 @@ from __future__ import annotations
 #: CSS of the page; a series' role is the class that gives it colour
 STYLE = """
 :root { color-scheme: light dark; --paper: #fff; --ink: #1c2126; --faint: #5d6771;
-  --rule: #dce0e4; --warn: #fff4d6; --warn-rule: #d9a514; --before: #a3a8ad; --after: #0b62a4;
-  --held: #c4590a; --x: #0b62a4; --y: #22866a; --z: #a33f87; --level1: #9cc3e3;
+  --rule: #dce0e4; --warn: #fff4d6; --warn-rule: #d9a514; --before: #8b9196; --after: #0b62a4;
+  --held: #c4590a; --x: #0b62a4; --y: #22866a; --z: #a33f87; --level1: #86b6dc;
   --level2: #5f9fd0; --level3: #2a78b5; --level4: #c4590a; --level5: #8d1f1f; }
 @media (prefers-color-scheme: dark) { :root { --paper: #15181b; --ink: #e6e8ea;
   --faint: #a3acb4; --rule: #353b41; --warn: #38300f; --warn-rule: #c99a1c; --before: #7b838b;
@@ -36,6 +36,7 @@ th, td { text-align: left; font-weight: normal; padding: .28rem .9rem .28rem 0;
   border-bottom: 1px solid var(--rule); vertical-align: baseline; }
 thead th { color: var(--faint); border-bottom: 1px solid var(--ink); vertical-align: bottom; }
 tbody th { white-space: nowrap; }
+td:last-child, th:last-child { padding-right: 0; }
 .number { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
 .key-figures td.number { font-size: 1.1rem; } .best { font-weight: 600; }
 .words { min-width: 15rem; } td.mono { font-family: ui-monospace, 'Liberation Mono', monospace;
@@ -80,19 +81,22 @@ svg text.note { fill: var(--ink); }
   margin-top: 3.2rem; } .sign div { border-top: 1px solid var(--ink); padding-top: .3rem;
   color: var(--faint); font-size: .85rem; }
 @media (max-width: 34rem) { body { padding: 1.2rem 1rem 2rem; } h1 { font-size: 1.4rem; }
-  .wide svg text, .view svg text { font-size: 15px; } .facts th { width: 6.5rem; }
-  th, td { padding-right: .55rem; } tbody th { white-space: normal; }
-  .number { white-space: normal; } .key-figures td.number { font-size: 1rem; }
-  table { font-size: .87rem; } .narrow th, .narrow td { padding-right: .8rem; } }
+  .wide svg text, .view svg text { font-size: 14.5px; } .facts th { width: 6.5rem; }
+  th, td { padding-right: .45rem; } tbody th { white-space: normal; }
+  .number { white-space: normal; } .key-figures td.number { font-size: .84rem; }
+  table { font-size: .84rem; } thead th { font-size: .78rem; }
+  .narrow th, .narrow td { padding-right: .7rem; } .words { min-width: 21rem; } }
 @page { margin: 16mm 14mm; }
 @media print { :root { color-scheme: light; --paper: #fff; --ink: #000; --faint: #444;
-  --rule: #c4c8cc; --warn: #fff4d6; --warn-rule: #d9a514; --before: #949a9f; --after: #0b62a4;
-  --held: #c4590a; --x: #0b62a4; --y: #22866a; --z: #a33f87; --level1: #9cc3e3;
+  --rule: #c4c8cc; --warn: #fff4d6; --warn-rule: #d9a514; --before: #8b9196; --after: #0b62a4;
+  --held: #c4590a; --x: #0b62a4; --y: #22866a; --z: #a33f87; --level1: #86b6dc;
   --level2: #5f9fd0; --level3: #2a78b5; --level4: #c4590a; --level5: #8d1f1f; }
   body { max-width: none; padding: 0; font-size: 9.5pt; print-color-adjust: exact;
     -webkit-print-color-adjust: exact; }
   h2, h3, caption { break-after: avoid; } figure, tr, .warnings, .sign { break-inside: avoid; }
   thead { display: table-header-group; } .scroll { overflow: visible; }
   .charts { grid-template-columns: 1fr 1fr; } .charts.three { grid-template-columns: 1fr 1fr 1fr; }
+  .number { white-space: normal; } tbody th { white-space: normal; }
+  th, td { padding-right: .5rem; } .narrow th, .narrow td { padding-right: 1.5rem; }
   .words, td.mono { min-width: 0; } td.mono { font-size: 7.5pt; } }
 """

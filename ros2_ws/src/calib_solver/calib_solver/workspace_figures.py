@@ -81,13 +81,13 @@ def _map(sure: WorkspaceUncertainty) -> Chart:
 
 
 def _distribution(sure: WorkspaceUncertainty) -> Chart:
-    size = np.sort(sure.position) * 1e3
+    size = np.sort(sure.position) * 1e6
     share = 100 * np.arange(1, len(size) + 1) / len(size)
     return Chart(
         'uncertainty_share',
         'Share of the workspace by uncertainty',
         'How much of the postures drawn has at most that standard uncertainty of a position.',
-        'mm', '% of postures',
+        'µm', '% of postures',
         (Series(np.concatenate([size[:1], size]), np.concatenate([[0.0], share]), 'after',
                 joined=True),),
         shape='view',

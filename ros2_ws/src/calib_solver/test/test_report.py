@@ -82,7 +82,7 @@ class Page(HTMLParser):
 
 def mm(value):
     """A length as the page shows it."""
-    return NOTHING if value is None else shown(value * 1e3, 4)
+    return NOTHING if value is None else shown(round(value * 1e3, 4) + 0.0, 4)
 
 
 def shown(value, digits, sign=''):
