@@ -129,10 +129,11 @@ class Capturing:
                     stopped = self._watcher.stopped()
                 if not session.finished:
                     node.stop_arm()
+                session.finish()
         finally:
             node.end()
         self._showing.progress(session, last=True)
-        return self._summary(there, stopped, time.monotonic() - begin)
+        return self._summary(there, stopped, time.monotonic() - begin, session.remarks())
 
     def _led(self) -> str:
         """Take in an arm that is led by hand; being stopped is the usual end of it."""
@@ -153,8 +154,7 @@ class Capturing:
                 session.finish()
         finally:
             node.end()
-        said = self._summary(there, False, time.monotonic() - begin)
-        return f'{said}; {session.remarks()}'
+        return self._summary(there, False, time.monotonic() - begin, session.remarks())
 
     def _noted(self) -> LedNote:
         """What a led capture is asked for, or what its bag was begun with."""
@@ -170,16 +170,17 @@ class Capturing:
         chosen = {number: placements[number] for number in asked.locations or sorted(placements)}
         return LedNote(asked.moving, chosen, asked.program.spheres)
 
-    def _summary(self, there: Begun, stopped: bool, seconds: float) -> str:
+    def _summary(self, there: Begun, stopped: bool, seconds: float, remarks: str) -> str:
         output, failure = self._node.asked.output, self._node.failure
         whole = f', {there.taken + self.tally.taken} in all' if there.taken else ''
-        summary = f'{output}: {self.tally.line()} in {seconds:.1f} s{whole}'
+        remarks = f'; {remarks}' if remarks else ''
+        summary = f'{output}: {self.tally.line()} in {seconds:.1f} s{whole}{remarks}'
         if stopped:
             raise Stopped(summary)
         if failure:
             raise RunError(f'{output}: {failure}')
         if not self.tally.taken + there.taken:
-            raise RunError(f'{output}: no pose was taken')
+            raise RunError(f'{output}: no pose was taken: {self.tally.line()}{remarks}')
         return summary
 
 

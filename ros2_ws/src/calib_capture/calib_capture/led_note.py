@@ -9,11 +9,13 @@ from dataclasses import asdict, dataclass, fields
 from calib_capture.moving import MovingSettings
 from calib_model.clock_offset import ClockOffset
 from calib_model.errors import BagError
+from calib_model.pairing import SECOND
 from calib_model.placement import parse_placements, placements_yaml
 from calib_model.rotation import RigidTransform
 
 LED_NOTE = 'calib_capture led'
 CLOCK_NOTE = 'calib_capture clock'
+APART = SECOND  # ns between the newest stamps of both streams that are worth a word
 
 
 @dataclass(frozen=True)
@@ -66,3 +68,13 @@ def clock_line(found: ClockOffset | None, shift: int) -> str:
     """The same in words."""
     line = found.line() if found is not None else 'clock offset: not enough motion in contact'
     return f'{line}, corrected by {shift * 1e-6:+.2f} ms' if shift else line
+
+
+def apart(joints: int, reading: int) -> str:
+    """A word on newest stamps (ns) that no two clocks of one machine have; empty for others."""
+    if not joints or not reading or abs(reading - joints) <= APART:
+        return ''
+    return (
+        f'; the stamps of readings are {(reading - joints) / SECOND:+.1f} s from those of '
+        'joint states: do their clocks agree?'
+    )

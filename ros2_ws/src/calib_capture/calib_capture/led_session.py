@@ -6,7 +6,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from calib_capture.led import LedRun, LedTally
-from calib_capture.led_note import CLOCK_NOTE, LED_NOTE, LedNote, clock_content, clock_line
+from calib_capture.led_note import (
+    CLOCK_NOTE,
+    LED_NOTE,
+    LedNote,
+    apart,
+    clock_content,
+    clock_line,
+)
 from calib_capture.moving import MovingPairing, PairedReading
 from calib_capture.recorder import Recorder
 from calib_model import cdr
@@ -18,7 +25,6 @@ SAVE_WITHIN = 0.2  # s: accepted poses that come closer together share a flush
 ENOUGH = 24  # stretches of contact, and a standard uncertainty of
 WELL_KNOWN = 1e-4  # s: then readings are corrected
 LOOK = 1.0  # s between two looks at the offset while it is waited for
-CLOCKS_APART = SECOND  # ns between the newest stamps of both streams that are worth a word
 
 
 class LedSession:
@@ -102,13 +108,7 @@ class LedSession:
         """What there is to say at the end, beside the counts."""
         late = self._pairing.late_joints if self._pairing is not None else 0
         parts = [f'{late} joint states out of order'] if late else []
-        apart = self._newest[1] - self._newest[0]
-        if min(self._newest) and abs(apart) > CLOCKS_APART:
-            parts.append(
-                f'the stamps of readings are {apart / SECOND:+.1f} s from those of joint states: '
-                'do their clocks agree?'
-            )
-        return '; '.join([*parts, self._clock_line])
+        return '; '.join([*parts, self._clock_line]) + apart(*self._newest)
 
     def _pair_with(self, shift: int) -> None:
         """Pair from now on, and what was held back, with readings `shift` ns later."""

@@ -158,6 +158,7 @@ class CaptureNode(Node):
         self._session = CaptureSession(
             run, Pairing(self.asked.steady), recorder, self.arm.base_frame,
             self._command, time.monotonic, time.time_ns,
+            ClockEstimate(self.arm, self.probe, self.gauge),
         )  # fmt: skip
         return self._session
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from calib_capture.led_note import CLOCK_NOTE, apart, clock_content, clock_line
 from calib_capture.recorder import Recorder
-from calib_capture.run import MeasuringRun, Tally
+from calib_capture.run import MeasuringRun, RunError, Tally
 from calib_capture.trajectory import Trajectory
 from calib_model import cdr
+from calib_model.clock_offset import ClockEstimate
 from calib_model.pairing import JointSample, Outcome, Pairing, Reading
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
 
@@ -20,11 +22,13 @@ class CaptureSession:
     """Feeds both streams to the pairing and the bag, and the outcomes to the run.
 
     `command` is called with each next trajectory; `clock` gives seconds, `wall` ns for the bag.
+    An `estimate` sees both streams and tells at the end how far apart their clocks are.
     """
 
     def __init__(
         self, run: MeasuringRun, pairing: Pairing, recorder: Recorder, frame: str,
         command: Callable[[Trajectory], None], clock: Clock, wall: Callable[[], int],
+        estimate: ClockEstimate | None = None,
     ) -> None:  # fmt: skip
         self.run = run
         self.pairing = pairing
@@ -34,6 +38,9 @@ class CaptureSession:
         self._clock = clock
         self._wall = wall
         self._unsaved_since: float | None = None
+        self._estimate = estimate
+        self._newest = [0, 0]
+        self._clock_line = ''
         self.outcomes: list[Outcome] = []  # of all stops so far, to be shown
 
     @property
@@ -49,12 +56,18 @@ class CaptureSession:
     def take_joints(self, sample: JointSample, raw: bytes) -> None:
         """A joint state has come; `raw` are its CDR bytes."""
         self.recorder.raw(JOINT_STATES, raw, self._wall())
+        self._newest[0] = sample.stamp
+        if self._estimate is not None:
+            self._estimate.see_joints(sample)
         self.run.see(sample.joints, sample.stamp, self._clock())
         self._go_on(self.pairing.add_joints(sample))
 
     def take_reading(self, reading: Reading, raw: bytes) -> None:
         """A probe reading has come; `raw` are its CDR bytes."""
         self.recorder.raw(PROBE_DISPLACEMENTS, raw, self._wall())
+        self._newest[1] = reading.stamp
+        if self._estimate is not None:
+            self._estimate.see_reading(reading)
         self._go_on(self.pairing.add_reading(reading))
 
     def tick(self) -> None:
@@ -66,9 +79,31 @@ class CaptureSession:
         now = self._clock()
         if self.run.overdue(now):
             self._take(self.pairing.finish())
-            self.run.close_batch(now)
+            self._close_batch(now)
         self._save()
         self._go_on([])
+
+    def finish(self) -> None:
+        """Note what the streams told of their clocks; no more messages are coming."""
+        if self._estimate is None:
+            return
+        self._estimate.finish()
+        found = self._estimate.estimate()
+        if found is not None:
+            self.recorder.note(CLOCK_NOTE, clock_content(found, 0))
+            self._clock_line = clock_line(found, 0)
+
+    def remarks(self) -> str:
+        """What there is to say at the end, beside the counts; may be empty."""
+        late = self.pairing.too_late
+        parts = [f'{late} messages out of order'] if late else []
+        return '; '.join([*parts, self._clock_line] if self._clock_line else parts)
+
+    def _close_batch(self, now: float) -> None:
+        try:
+            self.run.close_batch(now)
+        except RunError as error:
+            raise RunError(f'{error}{apart(*self._newest)}') from error
 
     def _go_on(self, outcomes: list[Outcome]) -> None:
         self._take(outcomes)
