@@ -99,12 +99,17 @@ def test_run_lets_signals_reach_the_executable(package, number: signal.Signals) 
 
 def test_run_says_which_package_is_missing(ros2) -> None:
     result = ros2('run', 'no_such_package', 'x')
-    assert (result.returncode, result.stderr) == (1, "Package 'no_such_package' not found\n")
+    assert result.returncode == 1
+    assert result.stderr.startswith("Package 'no_such_package' not found")
+    alike = ros2('run', 'calib_solvr', 'x')
+    assert 'did you mean calib_solver' in alike.stderr
 
 
 def test_run_says_that_the_executable_is_missing(ros2) -> None:
     result = ros2('run', 'calib_solver', 'no_such_executable')
-    assert (result.returncode, result.stderr) == (1, 'No executable found\n')
+    assert result.returncode == 1
+    assert re.fullmatch(r'No executable found; there is .*identify.*solver\n', result.stderr)
+    assert 'did you mean identify?' in ros2('run', 'calib_solver', 'identfy').stderr
 
 
 def test_service_list_shows_names_types_and_count(ros2, peer) -> None:
@@ -149,7 +154,25 @@ def test_service_call_refuses_a_bad_request_in_one_line(ros2, values: str, reaso
 
 def test_service_call_refuses_an_unknown_type_in_one_line(ros2) -> None:
     result = ros2('service', 'call', '/switch', 'std_srvs/srv/Nothing')
-    assert (result.returncode, result.stderr) == (1, 'The passed service type is invalid\n')
+    assert result.returncode == 1
+    assert result.stderr.startswith('The passed service type is invalid; ')
+    assert 'std_srvs/srv/SetBool' in result.stderr
+
+
+def test_what_is_waited_for_in_vain_is_compared_with_what_there_is(environment, peer) -> None:
+    asked = {
+        'did you mean /switch': ['service', 'call', '/swich', 'std_srvs/srv/SetBool'],
+        'of type std_srvs/srv/SetBool': ['service', 'call', '/switch', 'std_srvs/srv/Empty'],
+        'did you mean /run': ['action', 'send_goal', '/runs', CAPTURE],
+    }
+    waiting = {said: subprocess.Popen([STAND_IN, *words], env=environment, text=True,
+                                      stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+               for said, words in asked.items()}
+    for said, process in waiting.items():
+        line = process.stderr.readline()
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=10)
+        assert said in line
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
@@ -219,10 +242,10 @@ def test_topic_echo_truncates_unless_full_length_is_asked_for(ros2, peer) -> Non
     assert ros2(*echo, '--full-length').stdout == f'data: {"a" * 200}\n---\n'
 
 
-def test_topic_echo_says_that_nobody_publishes(ros2) -> None:
+def test_topic_echo_says_that_nobody_publishes(ros2, peer) -> None:
     result = ros2('topic', 'echo', '--spin-time', '0.5', '/nowhere')
     assert result.returncode == 1
-    assert result.stderr.endswith('Could not determine the type for the passed topic\n')
+    assert 'Could not determine the type for the passed topic; there is /chatter' in result.stderr
 
 
 def test_node_list_shows_nodes_but_not_itself(ros2, peer) -> None:
@@ -289,8 +312,10 @@ def test_a_parameter_of_another_type_is_refused(ros2, peer) -> None:
 
 
 def test_parameters_that_are_not_there_are_refused(ros2, peer) -> None:
-    assert ros2('param', 'get', '/peer', 'speed').stderr == 'Parameter not set\n'
-    assert ros2('param', 'get', '/nobody', 'x', '--timeout', '0.5').stderr == 'Node not found\n'
+    assert ros2('param', 'get', '/peer', 'speed').stderr.startswith('Parameter not set')
+    assert 'did you mean rate' in ros2('param', 'get', '/peer', 'rat').stderr
+    nobody = ros2('param', 'get', '/nobody', 'x', '--timeout', '0.5').stderr
+    assert nobody == 'Node not found; there is /peer\n'
 
 
 @pytest.fixture
@@ -352,6 +377,21 @@ def test_help_is_given_at_every_level(ros2, words: tuple[str, ...]) -> None:
     result = ros2(*words)
     assert result.returncode == 0
     assert result.stdout.startswith('usage: ros2')
+    assert 'example' in result.stdout or '<' in result.stdout
+
+
+def test_every_verb_has_an_example_of_itself(environment) -> None:
+    script = (
+        'import pkgutil, standin.verbs as verbs\n'
+        'for found in pkgutil.walk_packages(verbs.__path__, "standin.verbs."):\n'
+        '    if not found.ispkg:\n'
+        '        verb = __import__(found.name, fromlist=["EXAMPLE"])\n'
+        '        words = found.name.removeprefix("standin.verbs.").replace(".", " ")\n'
+        '        print(found.name, verb.EXAMPLE.startswith("ros2 " + words))\n')
+    told = subprocess.run([sys.executable, '-c', script], cwd=STAND_IN.parent, env=environment,
+                          check=True, capture_output=True, text=True, timeout=30).stdout
+    assert told.count('True') >= 19
+    assert 'False' not in told
 
 
 def test_an_unknown_verb_is_refused_with_the_choices(ros2) -> None:

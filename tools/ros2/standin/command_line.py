@@ -2,8 +2,8 @@
 """Finds the verb that a command line names and runs it.
 
 A command is a module of `verbs/` (`ros2 run`) or a package of it with one module per verb
-(`ros2 service call`). A verb has a docstring, `add_arguments(parser)` and `main(args)`, which
-returns None or an exit code, and raises `Refusal` with the one line that is to be said.
+(`ros2 service call`). A verb has a docstring, an EXAMPLE, `add_arguments(parser)` and `main(args)`,
+which returns None or an exit code, and raises `Refusal` with the one line that is to be said.
 """
 
 import argparse
@@ -73,7 +73,9 @@ def main(argv: list[str]) -> int:
         return chosen
     program, verb, rest = chosen
     os.environ.setdefault('ROS_PYTHON_CHECK_FIELDS', '1')  # messages check what is put into them
-    parser = argparse.ArgumentParser(prog=program, description=first_line(verb))
+    parser = argparse.ArgumentParser(prog=program, description=first_line(verb),
+                                     epilog=f'example:\n  {verb.EXAMPLE}',
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
     verb.add_arguments(parser)
     args = parser.parse_args(rest)
     if isinstance(sys.stdout, io.TextIOWrapper):

@@ -5,6 +5,7 @@ import argparse
 import math
 import os
 import signal
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -17,6 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 
 from .command_line import Interrupted
+from .nearest import nearest
 
 PATIENCE = 2.0  # s; discovery that takes longer has failed
 NamesAndTypes = list[tuple[str, list[str]]]
@@ -101,6 +103,21 @@ def wait_for(node: Node, find: Callable[[], Sequence[Any]], seconds: float) -> b
     found = wait_until(node, lambda: bool(find()), seconds)
     wait_until(node, lambda: False, 0.2 if found else 0.0)
     return found
+
+
+def wait_for_server(
+    node: Node, ready: Callable[[], bool], name: str, kind: str,
+    wanted: str, listed: Callable[[], NamesAndTypes],
+) -> None:
+    """Wait for a service or an action for as long as it takes; say once what there is instead."""
+    if wait_until(node, ready, PATIENCE):
+        return
+    known = dict(listed())
+    # What is waited for stands in the list too, since somebody asks for it.
+    others = set(known.pop(absolute(name), [])) - {wanted}
+    there = f'; it is of type {", ".join(others)}' if others else nearest(absolute(name), known)
+    print(f'no {kind} {name} of type {wanted} yet{there}', file=sys.stderr)
+    wait_until(node, ready, math.inf)
 
 
 def answer(node: Node, future: Any) -> Any:

@@ -4,9 +4,14 @@
 import os
 from pathlib import Path
 
-from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+from ament_index_python.packages import (
+    PackageNotFoundError,
+    get_package_prefix,
+    get_packages_with_prefixes,
+)
 
 from .command_line import Refusal
+from .nearest import nearest
 
 
 def package_prefix(package: str) -> Path:
@@ -18,7 +23,8 @@ def package_prefix(package: str) -> Path:
     try:
         return Path(get_package_prefix(package))
     except (PackageNotFoundError, ValueError):
-        raise Refusal(f"Package '{package}' not found") from None
+        there = nearest(package, get_packages_with_prefixes())
+        raise Refusal(f"Package '{package}' not found{there}") from None
 
 
 def executables(package: str) -> list[Path]:

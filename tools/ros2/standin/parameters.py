@@ -8,6 +8,7 @@ from rclpy.parameter_client import AsyncParameterClient
 
 from .command_line import Refusal
 from .graph import absolute, add_discovery_arguments, node_names, wait_until
+from .nearest import nearest
 
 
 def add_node_arguments(parser: argparse.ArgumentParser, nargs: str | None = None) -> None:
@@ -26,7 +27,7 @@ def parameters_of(node: Node, name: str, timeout: float) -> AsyncParameterClient
     """
     name = absolute(name)
     if not wait_until(node, lambda: name in node_names(node), timeout):
-        raise Refusal('Node not found')
+        raise Refusal(f'Node not found{nearest(name, node_names(node))}')
     client = AsyncParameterClient(node, name)
     if not wait_until(node, client.services_are_ready, 5.0):
         raise Refusal('Wait for service timed out waiting for parameter services for node '

@@ -14,6 +14,7 @@ from rclpy.qos import (
 
 from .command_line import Refusal
 from .interfaces import interface
+from .nearest import nearest
 
 
 def add_qos_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,10 +36,11 @@ def topic_type(node: Node, topic: str, given: str | None) -> Any:
     """
     if given is not None:
         return interface(given, 'msg')
-    types = dict(node.get_topic_names_and_types()).get(topic, [])
+    known = dict(node.get_topic_names_and_types())
+    types = known.get(topic, [])
     if not types:
         raise Refusal(f'WARNING: topic [{topic}] does not appear to be published yet\n'
-                      'Could not determine the type for the passed topic')
+                      f'Could not determine the type for the passed topic{nearest(topic, known)}')
     if len(types) > 1:
         raise Refusal(f"Cannot echo topic '{topic}', as it contains more than one type: "
                       f'[{", ".join(types)}]')

@@ -7,7 +7,10 @@ import shlex
 from typing import NoReturn
 
 from ..command_line import Refusal
+from ..nearest import nearest
 from ..packages import executables
+
+EXAMPLE = 'ros2 run calib_capture capture --ros-args -p output:=output/my_bag'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,9 +28,10 @@ def main(args: argparse.Namespace) -> None:
 
 def start(package: str, name: str, argv: list[str], prefix: list[str]) -> NoReturn:
     """Become the executable, so that signals and the exit code need no passing on."""
-    path = next((path for path in executables(package) if path.name == name), None)
-    if path is None:
-        raise Refusal('No executable found')
+    there = {path.name: path for path in executables(package)}
+    if name not in there:
+        raise Refusal(f'No executable found{nearest(name, there)}')
+    path = there[name]
     command = [*prefix, str(path), *argv]
     try:
         os.execvp(command[0], command)

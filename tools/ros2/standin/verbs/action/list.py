@@ -7,6 +7,8 @@ from rclpy.action import get_action_names_and_types
 
 from ...graph import add_discovery_arguments, graph_node, print_names
 
+EXAMPLE = 'ros2 action list -t'
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_discovery_arguments(parser)

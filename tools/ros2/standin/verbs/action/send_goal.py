@@ -2,21 +2,25 @@
 """Send an action goal."""
 
 import argparse
-import math
 import sys
 from typing import Any
 
 from action_msgs.msg import GoalStatus
-from rclpy.action import ActionClient
+from rclpy.action import ActionClient, get_action_names_and_types
 from rclpy.node import Node
 
 from ...command_line import Interrupted, Refusal
 from ...fields import as_yaml, fill, parse
-from ...graph import answer, graph_node, wait_until
-from ...interfaces import interface
+from ...graph import answer, graph_node, wait_for_server
+from ...interfaces import full_name, interface
 
 STATES = ('ACCEPTED', 'EXECUTING', 'CANCELING', 'SUCCEEDED', 'CANCELED', 'ABORTED')
 STATE_NAMES = {getattr(GoalStatus, f'STATUS_{name}'): name for name in STATES}
+
+EXAMPLE = (
+    'ros2 action send_goal --feedback /capture/run calib_interfaces/action/Capture '
+    '"{locations: [1]}"'
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,14 +42,16 @@ def main(args: argparse.Namespace) -> None:
     with graph_node('send_goal') as node:
         client = ActionClient(node, action, args.action_name)
         try:
+            print('Waiting for an action server to become available...')
+            wait_for_server(node, client.server_is_ready, args.action_name, 'action',
+                            full_name(args.action_type, 'action'),
+                            lambda: get_action_names_and_types(node))
             send(node, client, goal, show_feedback if args.feedback else None)
         finally:
             client.destroy()
 
 
 def send(node: Node, client: ActionClient, goal: Any, feedback: Any) -> None:
-    print('Waiting for an action server to become available...')
-    wait_until(node, client.server_is_ready, math.inf)
     print(f'Sending goal:\n     {as_yaml(goal)}')
     sent = client.send_goal_async(goal, feedback)
     try:

@@ -12,6 +12,8 @@ from ...command_line import Refusal
 
 SECOND = 1_000_000_000  # ns
 
+EXAMPLE = 'ros2 bag info bags/demo/identification'
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('bag_path', help='Bag to open')

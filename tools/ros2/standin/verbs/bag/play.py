@@ -5,6 +5,8 @@ import argparse
 
 from ..run import start
 
+EXAMPLE = 'ros2 bag play bags/demo/identification --rate 10'
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('bag_path', help='Bag to open')

@@ -6,9 +6,13 @@ import re
 from pathlib import Path
 
 from ...command_line import Refusal
+from ...interfaces import installed
+from ...nearest import nearest
 from ...packages import package_prefix
 
 FIELD = re.compile(r'(?P<type>[A-Za-z][\w/]*)(\[[^\]]*\])?\s+\w+\s*(?!.*=)')
+
+EXAMPLE = 'ros2 interface show calib_interfaces/srv/Identify'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +34,8 @@ def main(args: argparse.Namespace) -> None:
 def definition(package: str, kind: str, name: str) -> str:
     path = Path(package_prefix(package), 'share', package, kind, f'{name}.{kind}')
     if not path.is_file():
-        raise Refusal(f"Could not find the interface '{path}'")
+        there = nearest(f'{package}/{kind}/{name}', installed(package, kind))
+        raise Refusal(f"Could not find the interface '{path}'{there}")
     return path.read_text()
 
 

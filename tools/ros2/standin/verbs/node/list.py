@@ -6,6 +6,8 @@ import sys
 
 from ...graph import add_discovery_arguments, graph_node, node_names
 
+EXAMPLE = 'ros2 node list'
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_discovery_arguments(parser)

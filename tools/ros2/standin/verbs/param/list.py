@@ -6,6 +6,8 @@ import argparse
 from ...graph import answer, graph_node, node_names, wait_until
 from ...parameters import add_node_arguments, parameters_of
 
+EXAMPLE = 'ros2 param list /capture'
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_node_arguments(parser, nargs='?')

@@ -10,6 +10,8 @@ from ...command_line import Refusal
 from ...graph import answer, graph_node
 from ...parameters import add_node_arguments, parameters_of
 
+EXAMPLE = 'ros2 param set /arm time_scale 5.0'
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_node_arguments(parser)

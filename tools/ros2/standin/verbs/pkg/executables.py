@@ -7,6 +7,8 @@ from ament_index_python.packages import get_packages_with_prefixes
 
 from ...packages import executables
 
+EXAMPLE = 'ros2 pkg executables calib_solver'
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('package_name', nargs='?', help='The package name')

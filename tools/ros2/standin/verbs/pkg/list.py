@@ -5,6 +5,8 @@ import argparse
 
 from ament_index_python.packages import get_packages_with_prefixes
 
+EXAMPLE = 'ros2 pkg list'
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """It has none."""

@@ -5,6 +5,8 @@ import argparse
 
 from ...packages import package_prefix
 
+EXAMPLE = 'ros2 pkg prefix calib_bringup --share'
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('package_name', help='The package name')

@@ -2,15 +2,19 @@
 """Call a service."""
 
 import argparse
-import math
 import sys
 import time
 from typing import Any
 
 from ...command_line import Refusal
 from ...fields import fill, parse
-from ...graph import answer, graph_node, wait_until
-from ...interfaces import interface
+from ...graph import answer, graph_node, wait_for_server, wait_until
+from ...interfaces import full_name, interface
+
+EXAMPLE = (
+    'ros2 service call /identify calib_interfaces/srv/Identify '
+    "\"{bag: 'bags/demo/identification'}\""
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +41,9 @@ def main(args: argparse.Namespace) -> None:
         client = node.create_client(service, args.service_name)
         if not client.service_is_ready():
             print('waiting for service to become available...')
-            wait_until(node, client.service_is_ready, math.inf)
+            wait_for_server(node, client.service_is_ready, args.service_name, 'service',
+                            full_name(args.service_type, 'srv'),
+                            node.get_service_names_and_types)
         while True:
             start = time.monotonic()
             call(node, client, request)

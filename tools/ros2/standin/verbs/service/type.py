@@ -5,6 +5,8 @@ import argparse
 
 from ...graph import PATIENCE, absolute, add_discovery_arguments, graph_node, wait_for
 
+EXAMPLE = 'ros2 service type /identify'
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_discovery_arguments(parser)

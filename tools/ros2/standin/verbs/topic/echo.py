@@ -12,6 +12,8 @@ from ...fields import TRUNCATE_LENGTH, as_yaml
 from ...graph import PATIENCE, absolute, add_discovery_arguments, graph_node, wait_for, wait_until
 from ...subscribing import add_qos_arguments, chosen_qos, topic_type
 
+EXAMPLE = 'ros2 topic echo /probe/displacements --once'
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_discovery_arguments(parser)

@@ -13,6 +13,8 @@ from rclpy.qos import qos_profile_sensor_data
 from ...graph import absolute, add_discovery_arguments, graph_node, wait_until
 from ...subscribing import topic_type
 
+EXAMPLE = 'ros2 topic hz /joint_states'
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_discovery_arguments(parser)

@@ -5,6 +5,8 @@ import argparse
 
 from ...graph import add_discovery_arguments, graph_node, print_names, visible
 
+EXAMPLE = 'ros2 topic list -t'
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_discovery_arguments(parser)
