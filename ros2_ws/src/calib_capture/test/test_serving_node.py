@@ -16,7 +16,10 @@ from calib_interfaces.action import Capture  # noqa: E402
 from calib_interfaces.srv import Teach  # noqa: E402
 from perfect_probe import PerfectProbe  # noqa: E402
 from rclpy.action import ActionClient  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from rclpy.parameter_client import AsyncParameterClient  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory  # noqa: E402
+from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from calib_capture.messages import joint_trajectory, qos_of  # noqa: E402
 from calib_capture.planner import Planner  # noqa: E402
@@ -25,7 +28,7 @@ from calib_capture.trajectory import Trajectory  # noqa: E402
 from calib_model.bag import read_measurement  # noqa: E402
 from calib_model.placement import placements_yaml  # noqa: E402
 from calib_model.rotation import RigidTransform  # noqa: E402
-from calib_model.topics import JOINT_TRAJECTORY  # noqa: E402
+from calib_model.topics import CAPTURE_MARKERS, JOINT_TRAJECTORY  # noqa: E402
 
 pytestmark = pytest.mark.timeout(120)
 ARM, CAPTURE = 'calib_capture.arm_node', 'calib_capture.capture_node'
@@ -42,6 +45,12 @@ class Client:
             JointTrajectory, JOINT_TRAJECTORY.name, qos_of(JOINT_TRAJECTORY)
         )
         self.feedback = []
+        self.shown = []
+        perfect.node.create_subscription(
+            MarkerArray, CAPTURE_MARKERS.name, lambda message: self.shown.append(message.markers),
+            qos_of(CAPTURE_MARKERS),
+        )
+        self.setter = AsyncParameterClient(perfect.node, 'capture')
 
     def until(self, condition, seconds=60.0):
         end = time.monotonic() + seconds
@@ -69,6 +78,11 @@ class Client:
         self.until(self.teach_service.service_is_ready)
         request = Teach.Request(location=location, sphere=sphere)
         return self.answer(self.teach_service.call_async(request))
+
+    def set(self, name, value):
+        self.until(self.setter.services_are_ready)
+        parameter = Parameter(name, value=value).to_parameter_msg()
+        return self.answer(self.setter.set_parameters([parameter])).results[0]
 
     def stand(self, joints):
         """Let the arm go to a posture and rest there."""
@@ -121,6 +135,30 @@ def test_a_goal_measures_tells_how_far_it_is_and_answers_with_bag_and_counts(
         assert result.bag == ''
     again = client.send(**goal, bag=str(tmp_path / 'again'))
     assert client.result(again)[1].taken == 12
+    client.until(lambda: {'taken', 'poses'} <= {marker.ns for marker in client.shown[-1]})
+    by_name = {(marker.ns, marker.id): marker for marker in client.shown[-1]}
+    assert len(by_name['taken', 0].points) == len(by_name['poses', 3].points) == 2 * 12
+
+
+def test_parameters_are_for_the_next_goal_and_a_goal_can_go_on_with_a_bag(
+    graph, client, config, tmp_path
+):
+    start(graph, config)
+    goal = {'locations': [3], 'spheres': [1], 'bag': str(tmp_path / 'bag')}
+    assert client.set('poses_per_sphere', 4).successful
+    assert client.result(client.send(**goal))[1].taken == 4
+    assert client.result(client.send(**goal, resume=True))[1].message.endswith(
+        'complete with 4 poses'
+    )
+    for name, value, said in (
+        ('poses_per_sphere', 0, 'out of range'),
+        ('offsets', [0.5, 0.1], 'expected [shortest, longest]'),
+        ('placements', 'nowhere.yaml', 'nowhere.yaml'),
+        ('arm', 'other.yaml', 'read-only'),
+    ):
+        refused = client.set(name, value)
+        assert not refused.successful
+        assert said in refused.reason
 
 
 def test_cancel_stops_the_arm_and_closes_the_bag_and_a_second_goal_is_refused(
@@ -152,7 +190,8 @@ def test_a_taught_location_is_where_the_next_run_measures(
     """The node is told wrong places; two spheres probed by hand put location 3 right."""
     turned = RigidTransform(np.array([0.0, 0.0, 3.0]), np.zeros(3))
     (tmp_path / 'wrong.yaml').write_text(placements_yaml({3: turned}))
-    start(graph, config, placements=tmp_path / 'wrong.yaml')
+    kept = tmp_path / 'taught.yaml'
+    capture = start(graph, config, placements=tmp_path / 'wrong.yaml', taught=kept)
     settings = ProgramSettings(spheres=(1, 10, 14), poses_per_sphere=3)
     program = Planner(kr5, probe, gauge, settings).program(placements, [3])
     posture = {plan.sphere: plan.poses[0].joints for plan in program.spheres}
@@ -173,12 +212,26 @@ def test_a_taught_location_is_where_the_next_run_measures(
     last = client.teach(3, 14)
     assert last.success, last.message
     assert abs(last.length_error) < 1e-7
+    bars = {marker.id: marker for marker in client.shown[-1] if marker.ns == 'gauge'}
+    seen = np.array([[p.x, p.y, p.z] for p in bars[3].points])
+    expected = [placements[3].apply(gauge.center(number)) for number in gauge.numbers]
+    assert np.abs(seen - expected).max() < 1e-5  # the bar may be turned about itself
     handle = client.send(
         locations=[3], spheres=[1, 10], poses_per_sphere=4, bag=str(tmp_path / 'bag')
     )
     status, result = client.result(handle)
     assert result.success, result.message
     assert result.taken == 8
+    capture.terminate()
+    assert capture.wait(10) == 0
+    # it is known to the next node too
+    graph.start(
+        CAPTURE, serve='true', placements=tmp_path / 'wrong.yaml', taught=kept
+    )
+    handle = client.send(
+        locations=[3], spheres=[1], poses_per_sphere=4, bag=str(tmp_path / 'second')
+    )
+    assert client.result(handle)[1].taken == 4
 
 
 def test_what_cannot_be_taught_is_said(graph, client, config, placements):

@@ -2,8 +2,14 @@
 import numpy as np
 import pytest
 
-from calib_capture.teach import TaughtSphere, TeachError, probed_sphere, taught_location
-from calib_model.errors import DataError
+from calib_capture.teach import (
+    TaughtBook,
+    TaughtSphere,
+    TeachError,
+    probed_sphere,
+    taught_location,
+)
+from calib_model.errors import DataError, DescriptionError
 from calib_model.gauge import Gauge
 from calib_model.kinematics import forward
 from calib_model.placement import parse_placements, placements_yaml
@@ -123,3 +129,27 @@ def test_a_taught_place_reads_back_bit_for_bit(gauge, placements):
     read = parse_placements(placements_yaml(placements))
     assert list(read) == list(placements)
     assert all(np.array_equal(read[n].matrix(), placements[n].matrix()) for n in placements)
+
+
+def test_taught_locations_are_kept_whole_or_not_and_read_again(tmp_path):
+    places = {n: anywhere(np.random.default_rng(n)) for n in (7, 2)}
+    book = TaughtBook(str(tmp_path / 'new' / 'taught.yaml'))
+    assert book.read() == {}
+    assert book.write(places, 'base') == f'kept in {book.path}'
+    again = book.read()
+    assert sorted(again) == [2, 7]
+    for number, place in places.items():
+        assert np.array_equal(again[number].matrix(), place.matrix())
+    book.write({}, 'base')  # what is taught anew holds no more
+    assert book.read() == {}
+    assert list((tmp_path / 'new').iterdir()) == []
+
+
+def test_a_book_that_cannot_be_written_or_read_says_so_and_keeps_what_it_has(tmp_path):
+    place = {1: anywhere(np.random.default_rng(1))}
+    (tmp_path / 'file').write_text('locations: nonsense')
+    with pytest.raises(DescriptionError, match='locations'):
+        TaughtBook(str(tmp_path / 'file')).read()
+    with pytest.raises(TeachError, match='taught, but .* cannot be written'):
+        TaughtBook(str(tmp_path / 'file' / 'taught.yaml')).write(place, 'base')
+    assert 'not kept' in TaughtBook('').write(place, 'base')

@@ -17,6 +17,7 @@ rclpy = pytest.importorskip('rclpy')
 pytest.importorskip('calib_interfaces.msg')
 
 from calib_interfaces.msg import StylusDisplacements  # noqa: E402
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
@@ -256,3 +257,15 @@ def test_what_cannot_be_used_is_one_line_and_exit_code_2(files, change, named):
     assert done.stdout == ''
     assert len(done.stderr.splitlines()) == 1
     assert named in done.stderr
+
+
+def test_the_health_of_the_probe_is_told_once_a_second(files, listener):
+    told = []
+    listener.create_subscription(DiagnosticArray, '/diagnostics', told.append, 10)
+    with running(files):
+        listener.wait_for(lambda: len(told) >= 2)
+    (status,) = told[-1].status
+    assert (status.level, status.message) == (b'\x03', 'no readings: no joint states from the arm')
+    values = {value.key: value.value for value in status.values}
+    assert values['readings per second'] == '0.0'
+    assert values['stylus 3 signal'] == 'NO_CONTACT'
