@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from visualization_msgs.msg import MarkerArray
 from calib_model.command import run_command
 from calib_model.errors import CalibrationError
 from calib_model.parameters_node import Parameters
+from calib_model.raw_measurement import RawChoice
+from calib_model.raw_streams import RawTopics
 from calib_model.run_node import NodeCommand, run_node
 from calib_model.topics import SOLVER_MARKERS
 from calib_solver import messages
@@ -105,7 +108,7 @@ class SolverNode(Node):
         )
         plan = Plan(request.monte_carlo, request.bootstrap, request.seed)
         finished = calibrate(
-            _sources(request), options, bag_list(request.test), request.output,
+            _with_raw(request), options, bag_list(request.test), request.output,
             Effort(plan, request.scheduler),
         )  # fmt: skip
         record = finished.record
@@ -127,6 +130,7 @@ class SolverNode(Node):
         if record['resampling'] is not None:
             response.has_resampling = True
             response.resampling = messages.resampling(record['resampling'])
+        response.notes = finished.notes
         response.warnings = record['warnings']
         response.written = [str(path) for path in finished.written]
         response.message = finished.verdict
@@ -178,6 +182,17 @@ class SolverNode(Node):
 
 def _sources(request: Any) -> Sources:
     return Sources(bag_list(request.bag), request.arm, request.probe, request.gauge)
+
+
+def _with_raw(request: Identify.Request) -> Sources:
+    """The sources of an identification, with what is said of bags without poses."""
+    topics = RawTopics(
+        request.joint_states or RawTopics.joint_states,
+        request.displacements or RawTopics.displacements,
+        tuple(request.joints),
+    )
+    choice = RawChoice(topics, tuple(int(number) for number in request.spheres))
+    return replace(_sources(request), raw=choice, anew=request.raw)
 
 
 def _executor() -> MultiThreadedExecutor:

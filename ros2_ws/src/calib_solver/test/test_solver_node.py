@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ from calib_model.bag_writer import BagWriter  # noqa: E402
 from calib_solver.identify import run  # noqa: E402
 
 DOMAIN = held_domain()
+DEMO = Path(__file__).resolve().parents[4] / 'bags' / 'demo' / 'identification'
 TIMEOUT = 20.0
 pytestmark = pytest.mark.timeout(60)
 
@@ -179,6 +181,17 @@ def test_options_of_a_request_are_those_of_the_command(ask, files):
     free = {p.name: p.free for p in answer.parameters}
     assert not any(free[f'd{i}'] for i in range(1, 7))
     assert answer.solver.phi_final == done.record['solver']['phi_final']
+
+
+def test_a_bag_of_raw_topics_is_identified_like_one_with_poses(ask):
+    bag = str(DEMO)
+    answer = ask(Identify, bag=bag, raw=True, spheres=[1, 6, 10, 14])
+    assert answer.success, answer.message
+    same(answer.identified, run([bag]).record['quality']['identified'])
+    assert answer.notes[-1] == 'spheres 1 6 10 14, by their distances'
+    refused = ask(Identify, bag=bag, raw=True, joint_states='/axes')
+    assert not refused.success
+    assert refused.message.endswith('but on /joint_states: say which with --joint-states')
 
 
 def test_fit_probe_and_evaluate_answer_with_figures(ask, files, tmp_path):
