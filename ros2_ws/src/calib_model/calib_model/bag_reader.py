@@ -68,6 +68,7 @@ def read_messages(
             if told is not None:
                 told(before + done, total)
 
+        found: Iterator[BagMessage]
         try:
             if is_sqlite(file):
                 found = (
