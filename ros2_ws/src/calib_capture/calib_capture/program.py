@@ -33,8 +33,8 @@ class ProgramSettings:
     simulation that does not mind. `bodies` None leaves collisions unchecked.
 
     `pool` is how many candidates there are for every pose: the most telling ones are taken, with
-    1 the first that are found. Three take about twice as long to plan as one and do the work of
-    a sixth more poses; ten promise but a few per cent more (studies/results/pose_choice.txt).
+    1 the first that are found. Out of three, poses do the work of a sixth more that were not
+    chosen, and take twice as long to plan; a larger pool adds little.
     """
 
     spheres: tuple[int, ...] = (1, 6, 10, 14)

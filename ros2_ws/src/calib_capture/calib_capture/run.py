@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calib_capture.order import travel_time
+from calib_capture.leg import Leg
 from calib_capture.program import PlannedPose, Program
 from calib_capture.trajectory import Trajectory
 from calib_model.arm import Arm
@@ -22,7 +22,6 @@ NO_FREE_WAY = 'no free way'
 WORTH_ANOTHER_TRY = (
     Reason.NO_READINGS, Reason.JOINTS_MISSING, Reason.ARM_UNSTEADY, Reason.STYLI_UNSTEADY,
 )  # fmt: skip
-SHORTEST_MOVE = 0.15  # s: arms take their time to set off and to stop
 STILL = 1e-4  # rad
 STAMP_STEP = 1e-6  # s: stamps are rounded
 STEP_ASIDE = 0.01  # rad of the last joint: enough for a new stop, little for the probe
@@ -84,37 +83,6 @@ class Tally:
         return f'{self.taken} poses taken, {refused} refused{why}'
 
 
-class _Leg:
-    """A trajectory in the making, from posture `here` on, at joint speeds (n,) in rad/s."""
-
-    def __init__(self, here: Array, velocity: Array) -> None:
-        self.here = here
-        self.seconds: list[float] = []
-        self.positions: list[Array] = []
-        self._velocity = velocity
-        self._now = 0.0
-
-    def to(self, posture: Array, slowest: float = SHORTEST_MOVE) -> None:
-        """On to a posture (n,), in `slowest` s or what the joints need."""
-        self._now += max(float(travel_time(self.here, posture[None], self._velocity)[0]), slowest)
-        self._append(posture)
-
-    def along(self, postures: Array, seconds: float) -> None:
-        """By all of some postures (K, n), in so many seconds or what the joints need."""
-        for posture in postures:
-            self.to(posture, max(seconds, SHORTEST_MOVE) / len(postures))
-
-    def rest(self, seconds: float) -> None:
-        """Stay."""
-        self._now += seconds
-        self._append(self.here)
-
-    def _append(self, posture: Array) -> None:
-        self.seconds.append(self._now)
-        self.positions.append(posture)
-        self.here = posture
-
-
 class MeasuringRun:
     """Commands the poses of a program batch by batch and matches the outcomes to them.
 
@@ -157,7 +125,7 @@ class MeasuringRun:
         if not self._todo or not self._free():
             return None
         assert self._here is not None
-        leg = _Leg(self._here, self.settings.speed * self._arm.velocity)
+        leg = Leg(self._here, self.settings.speed * self._arm.velocity)
         self._step_aside(leg)
         left = self.settings.batch
         while self._todo and left:
@@ -184,7 +152,7 @@ class MeasuringRun:
         held = self._held >= self.settings.hold - STAMP_STEP
         return bool(there) and self._left and held and len(self._open) <= self.settings.batch
 
-    def _go_to(self, leg: _Leg, pose: PlannedPose) -> bool:
+    def _go_to(self, leg: Leg, pose: PlannedPose) -> bool:
         """To a pose by its approach and a rest there; False when no free way leads to it."""
         last, speed = self._last, self.settings.approach_speed
         back: Array = np.empty((0, self._arm.n))
@@ -214,7 +182,7 @@ class MeasuringRun:
             return pose.way[1:]
         return self._way_to(start, pose)
 
-    def _step_aside(self, leg: _Leg) -> None:
+    def _step_aside(self, leg: Leg) -> None:
         """Where the arm stands at the next pose already: without it there would be no new stop."""
         pose = self._todo[0][0]
         if not len(pose.approach) and self._at(pose, leg.here):
