@@ -67,7 +67,7 @@ def clock_content(found: ClockOffset | None, shift: int) -> dict[str, str]:
 def clock_line(found: ClockOffset | None, shift: int) -> str:
     """The same in words."""
     line = found.line() if found is not None else 'clock offset: not enough motion in contact'
-    return f'{line}, corrected by {shift * 1e-6:+.2f} ms' if shift else line
+    return f'{line}, corrected by {shift * 1e-6:+.3f} ms' if shift else line
 
 
 def apart(joints: int, reading: int) -> str:

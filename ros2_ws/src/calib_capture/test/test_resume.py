@@ -19,6 +19,7 @@ from calib_model.errors import BagError
 from calib_model.probing import Measurement, ProbingSet
 
 KILLS = int(os.environ.get('CAPTURE_KILLS', '4'))
+SEED = int(os.environ.get('CAPTURE_KILLS_SEED', '4'))
 pytestmark = pytest.mark.timeout(240 + 30 * KILLS)
 ARM, CAPTURE = 'calib_capture.arm_node', 'calib_capture.capture_node'
 
@@ -91,7 +92,7 @@ def test_a_killed_capture_keeps_every_acknowledged_pose_and_resumes_to_a_complet
             'locations': '[3]', 'spheres': '[1, 10]', 'poses_per_sphere': each_sphere,
             'resume': 'true',
         }  # fmt: skip
-        rng = np.random.default_rng(4)
+        rng = np.random.default_rng(SEED)
         cut = False
         for number in range(KILLS):
             capture = graph.start(CAPTURE, **asked)

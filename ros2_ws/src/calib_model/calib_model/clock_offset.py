@@ -61,8 +61,8 @@ class ClockOffset:
     def line(self) -> str:
         """In words."""
         return (
-            f'clock offset: readings are {self.seconds * 1e3:+.2f} ms from the joints, '
-            f'standard uncertainty {self.standard_uncertainty * 1e3:.2f} ms'
+            f'clock offset: readings are {self.seconds * 1e3:+.3f} ms from the joints, '
+            f'standard uncertainty {self.standard_uncertainty * 1e3:.3f} ms'
         )
 
 

@@ -43,7 +43,7 @@ from calib_model.topics import (
 from selfcenter_probe.health import Health
 from selfcenter_probe.magnitudes import parse_magnitudes
 from selfcenter_probe.messages import diagnostics, displacements, joints_of, qos_of, stamp_of
-from selfcenter_probe.simulation import ProbeSimulation
+from selfcenter_probe.simulation import SECOND, ProbeSimulation
 from selfcenter_probe.world import World
 
 T = TypeVar('T')
@@ -73,6 +73,7 @@ class ProbeParameters:
     seed: int
     rate: float
     max_gap: float
+    clock_offset: int  # ns
 
 
 def _nothing(_: float) -> None:
@@ -101,9 +102,10 @@ def read_parameters(
     text = 'Hz, readings per second of the stamps'
     rate = parameters.number('rate', 100.0, text, 1.0, 1e4, on_rate)
     text = 's, longest gap to interpolate joints over'
-    return ProbeParameters(
-        paths, seed, rate, parameters.number('max_gap', 0.1, text, 1e-6, 10.0, on_gap)
-    )
+    max_gap = parameters.number('max_gap', 0.1, text, 1e-6, 10.0, on_gap)
+    text = "s by which the stamps of readings are behind the joints': two clocks"
+    offset = parameters.number('clock_offset', 0.0, text, -10.0, 10.0)
+    return ProbeParameters(paths, seed, rate, max_gap, round(offset * SECOND))
 
 
 def _read(name: str, given: str, parse: Callable[[str, str], T]) -> T:
@@ -138,6 +140,7 @@ class ProbeNode(Node):
         generator = np.random.default_rng(magnitudes.seed if given.seed < 0 else given.seed)
         of_world, of_readings = generator.spawn(2)
         world = World.drawn(arm, probe, gauge, placements, magnitudes, of_world)
+        self._offset = given.clock_offset
         self._simulation = ProbeSimulation(world, of_readings, given.rate, given.max_gap)
         self._frame = probe.name
         self._joint_names = arm.joint_names
@@ -179,7 +182,7 @@ class ProbeNode(Node):
                 throttle_duration_sec=COMPLAINT_PERIOD,
             )
             return
-        readings = self._simulation.advance([stamp_of(state)], joints)
+        readings = self._simulation.advance([stamp_of(state)], joints).shifted(-self._offset)
         self._health.take(readings)
         for message in displacements(readings, self._frame):
             self._readings.publish(message)
