@@ -38,11 +38,13 @@ def launch_file(monkeypatch):
     launch = types.ModuleType('launch')
     launch.LaunchContext, launch.LaunchDescription = recorder('Context'), recorder('Description')
     actions = types.ModuleType('launch.actions')
-    for name in ('DeclareLaunchArgument', 'OpaqueFunction', 'Shutdown'):
+    for name in ('DeclareLaunchArgument', 'ExecuteProcess', 'OpaqueFunction', 'Shutdown'):
         setattr(actions, name, recorder(name))
     ros_actions = types.ModuleType('launch_ros.actions')
     ros_actions.Node = recorder('Node')
-    for module in (launch, actions, ros_actions, types.ModuleType('launch_ros')):
+    substitutions = types.ModuleType('launch_ros.substitutions')
+    substitutions.ExecutableInPackage = recorder('ExecutableInPackage')
+    for module in (launch, actions, ros_actions, substitutions, types.ModuleType('launch_ros')):
         monkeypatch.setitem(sys.modules, module.__name__, module)
 
     def load(name):
@@ -66,7 +68,15 @@ def started(module, **given):
     told = {name: named['default_value'] or '' for name, named in declared(module).items()}
     assert set(given) <= set(told)
     context = types.SimpleNamespace(launch_configurations={**told, **given})
-    return {node.named['executable']: node.named for node in module.nodes(context)}
+    return {node.named['executable']: node.named for node in map(named, module.nodes(context))}
+
+
+def named(action):
+    """A process with an executable of a package, told of as a node is."""
+    if 'cmd' in action.named:
+        executable, *words = action.named['cmd']
+        action.named.update(executable.named, arguments=words)
+    return action
 
 
 @pytest.mark.parametrize('name', FILES)

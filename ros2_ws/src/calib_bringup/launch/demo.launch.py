@@ -2,8 +2,8 @@
 """A whole calibration in simulation, from capture to report; ends when it is done."""
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
-from launch_ros.actions import Node
+from launch.actions import DeclareLaunchArgument, ExecuteProcess, OpaqueFunction, Shutdown
+from launch_ros.substitutions import ExecutableInPackage
 
 from calib_bringup.launching import DEMO, UNBUFFERED, options
 
@@ -16,10 +16,12 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription([*declared, OpaqueFunction(function=nodes)])
 
 
-def nodes(context: LaunchContext) -> list[Node]:
+def nodes(context: LaunchContext) -> list[ExecuteProcess]:
+    # A command, no node: it takes no --ros-args, and starts its nodes on a graph of their own.
+    demo = ExecutableInPackage(package='calib_bringup', executable='demo')
     return [
-        Node(
-            package='calib_bringup', executable='demo', output='screen', additional_env=UNBUFFERED,
-            arguments=options(DEMO, context.launch_configurations), on_exit=Shutdown(),
+        ExecuteProcess(
+            cmd=[demo, *options(DEMO, context.launch_configurations)], name='demo',
+            output='screen', additional_env=UNBUFFERED, on_exit=Shutdown(),
         )
     ]  # fmt: skip
