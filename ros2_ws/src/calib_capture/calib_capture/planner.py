@@ -98,8 +98,9 @@ class Planner:
             [draft.candidates.found[i] for i in rows]
             for draft, rows in zip(drafts, chosen, strict=True)
         ]
-        plans = self._plans(places, drafts, picked)
-        return Program(plans, self._expected(pools, chosen), self._router(places))
+        plans, visited = self._plans(places, drafts, picked)
+        kept = [rows[items] for rows, items in zip(chosen, visited, strict=True)]
+        return Program(plans, self._expected(pools, kept), self._router(places))
 
     def draft(self, T_base_gauge: RigidTransform, location: int, sphere: int) -> Draft:
         """The candidates of one sphere."""
@@ -132,13 +133,14 @@ class Planner:
     def _plans(
         self, places: Mapping[int, RigidTransform], drafts: Sequence[Draft],
         picked: Sequence[Sequence[Candidate]],
-    ) -> tuple[SpherePlan, ...]:  # fmt: skip
+    ) -> tuple[tuple[SpherePlan, ...], list[Indices]]:  # fmt: skip
         """One sphere after the other; from location to location by a posture of rest that is
-        clear of the gauge at all of them."""
+        clear of the gauge at all of them. And which of the picked are visited."""
         driven = self.settings.by_approach
         rest = self._rest(places) if driven else self._home()
         visiting = Visiting(self.arm.velocity, self._finder.ways if driven else None, rest)
         plans: list[SpherePlan] = []
+        visited: list[Indices] = []
         at = drafts[0].location if drafts else 0
         for draft, candidates in zip(drafts, picked, strict=True):
             back: Array = np.empty((0, self.arm.n))
@@ -149,7 +151,8 @@ class Planner:
             self._finder.put_gauge(places[at], draft.sphere)
             visits = visiting.visit(candidates)
             plans.append(self._plan(draft, candidates, visits, back))
-        return tuple(plans)
+            visited.append(np.array([visit.item for visit in visits], dtype=np.int64))
+        return tuple(plans), visited
 
     def _home(self) -> Array:
         limits = np.clip(self.arm.limits, -np.pi, np.pi)
