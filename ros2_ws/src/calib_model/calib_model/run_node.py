@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import FrameType
@@ -23,6 +25,8 @@ from calib_model.command import CommandParser
 from calib_model.errors import ParameterError
 from calib_model.parameters_node import Sheet
 
+TWICE = 2.0  # s within which signals count as one
+LAST_CALLBACKS = 0.05  # s for those that a pool of threads has begun, before all is taken down
 WAKE_PERIOD = 0.1  # s, how soon an idle node sees that it is to end
 
 
@@ -59,16 +63,25 @@ class NodeCommand:
 
 
 class _Stop:
-    """Set by the first SIGINT or SIGTERM; the second does what it does by default."""
+    """Set by the first SIGINT or SIGTERM; one that comes later does what it does by default.
+
+    Ctrl-C in a terminal comes twice to what `ros2 launch` has started: from the terminal, and from
+    launch.
+    """
 
     def __init__(self) -> None:
         self.asked = False
+        self._since = 0.0
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._ask)
 
     def _ask(self, number: int, frame: FrameType | None) -> None:
-        self.asked = True
-        signal.signal(number, signal.SIG_DFL)
+        now = time.monotonic()
+        if self.asked and now - self._since > TWICE:
+            signal.signal(number, signal.SIG_DFL)
+            os.kill(os.getpid(), number)
+        elif not self.asked:
+            self.asked, self._since = True, now
 
 
 def run_node(
@@ -108,5 +121,6 @@ def _spin(node: Node, executor: Executor, stop: _Stop) -> None:
         while not stop.asked:
             executor.spin_once(WAKE_PERIOD)
     finally:
+        time.sleep(LAST_CALLBACKS)
         executor.shutdown()
         node.destroy_node()
