@@ -102,7 +102,7 @@ def test_a_killed_capture_keeps_every_acknowledged_pose_and_resumes_to_a_complet
                 end = time.monotonic() + rng.uniform(0.2, 3.0)
             while len(perfect.poses) < killed_at and time.monotonic() < end:
                 perfect.executor.spin_once(timeout_sec=0.05)
-            assert capture.poll() is None
+            assert capture.poll() is None, capture.communicate()[1]
             time.sleep(rng.uniform(0.0, 0.02))
             capture.kill()
             said = capture.communicate()[0]
