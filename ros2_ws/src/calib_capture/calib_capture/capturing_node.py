@@ -139,6 +139,7 @@ class Capturing:
         """Take in an arm that is led by hand; being stopped is the usual end of it."""
         node, begin = self._node, time.monotonic()
         node.describe()
+        self._showing.places()
         there, noted = self._there(), self._noted()
         if there.taken:
             self._watcher.say(f'{node.asked.output}: {there.taken} poses are there already')

@@ -47,9 +47,10 @@ class Showing:
     def progress(self, session: CaptureSession, last: bool = False) -> None:
         """What has come of it so far; now and then while somebody looks, and at the `last`."""
         begin = time.monotonic()
-        if not last and (begin < self._due or not self._publisher.get_subscription_count()):
+        if self._program is None or (begin < self._due and not last):
             return
-        if self._program is None:
+        self._due = begin + PERIOD
+        if not last and not self._publisher.get_subscription_count():
             return
         node = self._node
         done = outcome_markers(
@@ -57,7 +58,7 @@ class Showing:
         )
         self._publish([*self._planned, *done])
         now = time.monotonic()
-        self._due = now + max(PERIOD, (now - begin) / SHARE)
+        self._due = max(self._due, now + (now - begin) / SHARE)
 
     def _publish(self, markers: Sequence[Marker]) -> None:
         self._publisher.publish(marker_array(self._node.arm.base_frame, markers))
