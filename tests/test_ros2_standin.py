@@ -399,3 +399,5 @@ def test_an_unknown_verb_is_refused_with_the_choices(ros2) -> None:
     assert result.returncode == 2
     assert "'shout'" in result.stderr
     assert 'echo' in result.stderr
+    assert 'did you mean service?' in ros2('servise', 'list').stderr
+    assert 'ros2 run calib_bringup demo' in ros2('launch', 'calib_bringup').stderr

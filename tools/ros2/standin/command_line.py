@@ -16,6 +16,10 @@ import sys
 from types import ModuleType
 
 from . import verbs
+from .nearest import nearest
+
+ELSEWHERE = {'launch': 'launch files need a full ROS 2 install; `ros2 run calib_bringup demo` runs '
+                       'the demo, `ros2 pkg executables` lists the nodes'}
 
 
 class Interrupted(Exception):
@@ -57,8 +61,8 @@ def choose(argv: list[str]) -> tuple[str, ModuleType, list[str]] | int:
         name, argv = argv[0], argv[1:]
         if name not in names_in(package):
             choices = ', '.join(names_in(package))
-            print(f"{program}: error: no {noun} '{name}' here (choose from {choices})",
-                  file=sys.stderr)
+            there = ELSEWHERE.get(name, f'choose from {choices}{nearest(name, names_in(package))}')
+            print(f"{program}: error: no {noun} '{name}' here: {there}", file=sys.stderr)
             return 2
         program = f'{program} {name}'
         module = importlib.import_module(f'{package.__name__}.{name}')
