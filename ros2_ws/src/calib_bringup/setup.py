@@ -23,7 +23,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
-        *shared('config', 'launch', 'rviz', 'foxglove', 'data'),
+        *shared('config', 'launch', 'rviz', 'foxglove', 'security', 'data'),
     ],
     install_requires=['setuptools'],
     zip_safe=False,
