@@ -11,7 +11,7 @@ from calib_capture.run import MeasuringRun, RunError, Tally
 from calib_capture.trajectory import Trajectory
 from calib_model import cdr
 from calib_model.clock_offset import ClockEstimate
-from calib_model.pairing import JointSample, Outcome, Pairing, Reading
+from calib_model.pairing import JointSample, Outcome, Pairing, Reading, Refusal
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
 
 Clock = Callable[[], float]
@@ -41,7 +41,7 @@ class CaptureSession:
         self._estimate = estimate
         self._newest = [0, 0]
         self._clock_line = ''
-        self.outcomes: list[Outcome] = []  # of all stops so far, to be shown
+        self.outcomes: list[Outcome] = []  # accepted poses and refusals so far, to be shown
 
     @property
     def finished(self) -> bool:
@@ -115,9 +115,10 @@ class CaptureSession:
             self._save()
 
     def _take(self, outcomes: list[Outcome]) -> None:
-        self.outcomes += outcomes
         for outcome in outcomes:
             taken = self.run.take(outcome, self._clock())
+            if taken is not None or isinstance(outcome, Refusal):
+                self.outcomes.append(outcome)
             if taken is None:
                 continue
             planned, measured = taken.planned, taken.measured
