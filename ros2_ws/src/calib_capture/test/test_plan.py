@@ -9,11 +9,12 @@ from calib_capture import plan
 from calib_capture.candidates import branch_names
 from calib_capture.inspection import program_text
 from calib_capture.inverse import InverseKinematics
-from calib_capture.markers import program_markers
+from calib_capture.markers import outcome_markers, program_markers
 from calib_capture.messages import marker_array
 from calib_capture.planner import Planner
 from calib_capture.program import ProgramSettings
 from calib_model.kinematics import forward
+from calib_model.pairing import Reason, Refusal, SteadyPose
 from calib_model.rotation import RigidTransform
 
 pytestmark = pytest.mark.timeout(60)
@@ -88,6 +89,26 @@ def test_shapes_show_the_gauge_the_spheres_and_every_pose(program, kr5, probe, g
     assert off.max() < 1e-9
     outward = (needles[:, 1] - needles[:, 0]) @ places[2].rotation[:, 2]
     assert (outward >= 0.06 * np.cos(np.radians(70)) - 1e-9).all()
+
+
+def test_taken_poses_point_at_their_spheres_and_refused_ones_are_the_programs(
+    program, kr5, probe, gauge, places
+):
+    first, second = program.poses[0], program.poses[-1]
+    read = probe.displacements(first.p_probe_sphere[None], gauge.sphere_diameter)[0]
+    outcomes = [
+        SteadyPose(1, first.joints, read, 5),
+        Refusal(2, second.joints, Reason.NO_CONTACT),
+        Refusal(3, second.joints + 0.1, Reason.NO_CONTACT),  # on the way, none of the program's
+    ]
+    shown = {marker.group: marker for marker in outcome_markers(
+        outcomes, program, kr5, probe, gauge)}  # fmt: skip
+    assert set(shown) == {'taken', 'refused'}
+    assert len(shown['refused'].points) == 2
+    tip = shown['taken'].points[0]
+    center = places[first.location].apply(gauge.center(first.sphere))
+    assert np.abs(tip - center).max() < 1e-9
+    assert outcome_markers([], program, kr5, probe, gauge) == []
 
 
 def test_shapes_as_messages_replace_those_before(program, kr5, probe, gauge, places):
