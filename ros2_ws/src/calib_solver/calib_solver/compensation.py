@@ -24,7 +24,7 @@ from calib_model.probe import PassiveProbe, Probe
 from calib_model.rotation import Array, RigidTransform, frozen
 from calib_solver.tool_inverse import EXACT, Reached, Rows, Targets, reach
 
-TRIES = 30  # postures a nominal answer is looked for from
+TRIES = 15  # postures a nominal answer is looked for from
 
 
 class CompensationError(CalibrationError):

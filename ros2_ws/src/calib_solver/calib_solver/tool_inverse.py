@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from calib_model.arm import Arm, NDArrayBool
 from calib_model.jacobian import tool_motion
@@ -15,7 +16,8 @@ from calib_model.rotation import Array, RigidTransform
 EXACT = 1e-10  # m, and rad times LEVER
 LEVER = 0.3  # m: how much a turn of 1 rad counts for
 LARGEST_STEP = 0.5  # rad, of any joint
-STEPS = 80
+STEPS = 60
+STUCK = 1e-12  # rad: shorter steps lead nowhere
 LEAST_DAMPING = 1e-14  # m^2
 MOST_DAMPING = 1e3
 NEAR = 1e-7  # m: so near a target, going back towards the start may cost as much
@@ -84,13 +86,12 @@ def reach(
         beyond = np.maximum(lower - q[rows], q[rows] - upper)
         worst = np.argmax(beyond, axis=1)
         out = (np.max(beyond, axis=1) > AT_LIMIT) & (miss[rows] < EXACT)
-        at, joint = rows[out], worst[out]
-        passed[at] = joint
-        free[at, joint] = False
-        q[at, joint] = np.clip(q[at, joint], lower[joint], upper[joint])
-        if targets.rows >= arm.n or not len(at):
+        rows, joint = rows[out], worst[out]
+        passed[rows] = joint
+        if targets.rows >= arm.n or not len(rows):
             break
-        rows = at
+        free[rows, joint] = False
+        q[rows, joint] = np.clip(q[rows, joint], lower[joint], upper[joint])
     inside = arm.within_limits(q, -AT_LIMIT) & (miss < EXACT)
     return Reached(q, miss, np.where(inside, -1, passed))
 
@@ -112,7 +113,7 @@ def _newton(
         moving = jacobian[left] * free[left][:, None, :]
         away = None if stay is None else (stay[left] - q[left]) * free[left]
         step = _step(error[left], moving, away, damping[left])
-        going = (miss[left] >= EXACT) | (np.abs(step).max(axis=1) >= AT_LIMIT)
+        going = np.abs(step).max(axis=1) >= np.where(miss[left] < EXACT, AT_LIMIT, STUCK)
         left, step = left[going], step[going]
         if not len(left):
             break
@@ -139,7 +140,7 @@ def _equations(
     gap = targets.position - now.position
     if targets.rotation is None:
         return gap, now.jacobian[:, :3]
-    turn = rotation_vectors(targets.rotation @ np.swapaxes(now.rotation, 1, 2))
+    turn = Rotation.from_matrix(targets.rotation @ np.swapaxes(now.rotation, 1, 2)).as_rotvec()
     scale = np.array([1.0, 1.0, 1.0, LEVER, LEVER, LEVER])
     return np.concatenate([gap, LEVER * turn], axis=1), now.jacobian * scale[:, None]
 
@@ -158,20 +159,3 @@ def _step(error: Array, jacobian: Array, away: Array | None, damping: Array) -> 
     longest = np.abs(step).max(axis=1, keepdims=True)
     shortened: Array = step * np.minimum(1.0, LARGEST_STEP / np.maximum(longest, LARGEST_STEP))
     return shortened
-
-
-def rotation_vectors(rotation: Array) -> Array:
-    """Rotation vectors (N, 3), rad, of rotations (N, 3, 3); at half a turn any of its axes."""
-    twist = 0.5 * np.stack(
-        [
-            rotation[:, 2, 1] - rotation[:, 1, 2],
-            rotation[:, 0, 2] - rotation[:, 2, 0],
-            rotation[:, 1, 0] - rotation[:, 0, 1],
-        ],
-        axis=1,
-    )
-    sine = np.linalg.norm(twist, axis=1)
-    cosine = 0.5 * (np.trace(rotation, axis1=1, axis2=2) - 1)
-    factor = np.where(sine > 1e-9, np.arctan2(sine, cosine) / np.maximum(sine, 1e-9), 1.0)
-    vectors: Array = factor[:, None] * twist
-    return vectors
