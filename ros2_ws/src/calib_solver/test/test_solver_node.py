@@ -21,12 +21,17 @@ pytest.importorskip('calib_interfaces.srv')
 
 from calib_interfaces.srv import Evaluate, FitProbe, Identify  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from rclpy.parameter_client import AsyncParameterClient  # noqa: E402
 from simulated_calibration import active, kr5, simulate  # noqa: E402
+from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from calib_bringup.domains import held_domain  # noqa: E402
 from calib_model.bag import write_measurement  # noqa: E402
 from calib_model.bag_writer import BagWriter  # noqa: E402
+from calib_model.topics import SOLVER_MARKERS  # noqa: E402
 from calib_solver.identify import run  # noqa: E402
+from calib_solver.messages import qos_of  # noqa: E402
 
 DOMAIN = held_domain()
 DEMO = Path(__file__).resolve().parents[4] / 'bags' / 'demo' / 'identification'
@@ -101,7 +106,7 @@ def ask(node):
         wait(future.done, f'answer of {kinds[kind]}')
         return future.result()
 
-    call.wait = wait
+    call.wait, call.node = wait, asker
     yield call
     executor.shutdown()
     asker.destroy_node()
@@ -268,3 +273,31 @@ def test_calls_at_the_same_time_are_all_answered(ask, files):
     answers = [future.result() for future in futures]
     assert [answer.success for answer in answers] == [True] * 4 + [False] * 2
     assert len({answer.identified.phi for answer in answers[:4]}) == 1
+
+
+def test_residuals_are_shown_after_an_identification_as_large_as_is_asked(ask, files):
+    shown = []
+    qos = qos_of(SOLVER_MARKERS)
+    ask.node.create_subscription(MarkerArray, SOLVER_MARKERS.name, shown.append, qos)
+    setter = AsyncParameterClient(ask.node, 'solver')
+    ask.wait(setter.services_are_ready, 'services of parameters')
+
+    def magnified(times):
+        parameter = Parameter('magnification', value=times).to_parameter_msg()
+        future = setter.set_parameters([parameter])
+        ask.wait(future.done, 'answer')
+        return future.result().results[0].successful
+
+    assert magnified(100)
+    assert not magnified(0)
+    assert ask(Identify, bag=str(files / 'bag')).success
+    ask.wait(lambda: shown and len(shown[-1].markers) == 3, 'picture')
+    count = len(shown)
+    assert magnified(200.0)
+    ask.wait(lambda: len(shown) > count, 'larger picture')
+    small, large = (
+        [np.array([[p.x, p.y, p.z] for p in marker.points]) for marker in picture.markers[1:]]
+        for picture in (shown[count - 1], shown[-1])
+    )
+    for less, more in zip(small, large, strict=True):
+        assert np.allclose(more[1::2] - more[::2], 2 * (less[1::2] - less[::2]), atol=1e-12)
