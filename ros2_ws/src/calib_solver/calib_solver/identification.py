@@ -213,7 +213,12 @@ def _doubts(
     problem: Problem, table: ParameterTable, arm: Arm, probe: Probe, quality: Quality,
     options: Options,
 ) -> tuple[str, ...]:  # fmt: skip
-    """Lines on what the residuals look like: something mixed up, or a fault's shadow."""
+    """Lines on what the residuals look like: something mixed up, or a fault's shadow.
+
+    Eq. 13 does not look at the poses and leaves them scattered: that is no sign of anything.
+    """
+    if options.objective == 'distance':
+        return ()
 
     def spread_of(changed: Problem) -> float:
         solver = _Solver(table, replace(options, objective=LEADING), accumulate)

@@ -106,7 +106,7 @@ class _Residuals:
         free = self._centred(jacobian[:, :, table.free_columns])
         scale = np.linalg.norm(free, axis=0)
         known, size, _ = np.linalg.svd(free / np.where(scale > 0, scale, 1), full_matrices=False)
-        self._known = known[:, size > 1e-9 * size.max()]
+        self._known = known[:, size > 1e-9 * size.max(initial=0.0)]
         self.left = self._unknown(self._centred(p_base))
 
     def explained(self, by_fault: Array) -> tuple[Array, Array]:
