@@ -21,7 +21,10 @@ ROOT = Path(__file__).resolve().parent.parent
 AUDIT = ROOT / 'tests' / 'audit'
 SEED = 4
 TIMEOUT = 180
-FILES = ('result.json', 'arm.yaml', 'probe.yaml', 'arm.urdf', 'identification', 'held_out')
+FILES = (
+    'result.json', 'arm.yaml', 'probe.yaml', 'arm.urdf', 'identification', 'held_out',
+    'report.html', 'figures/before_and_after.png',
+)  # fmt: skip
 pytestmark = pytest.mark.timeout(240)
 
 

@@ -29,11 +29,11 @@ CAPTURES = {
     'identification': ((1, 2, 3, 4, 5, 6, 7), (1, 6, 10, 14)),
     'held_out': ((8,), tuple(range(1, 15))),
 }
-RESULT = 'result.json'
+RESULT, FIGURES = 'result.json', 'figures'
 LOGS = ('arm', 'probe', *(f'capture_{name}' for name in CAPTURES), 'identify', 'evaluate')
 WRITTEN = {
     *CAPTURES, *(f'{name}.log' for name in LOGS),
-    RESULT, 'arm.yaml', 'probe.yaml', 'arm.urdf', 'report.html',
+    RESULT, 'arm.yaml', 'probe.yaml', 'arm.urdf', 'report.html', FIGURES,
 }  # fmt: skip
 CAPTURE_SECONDS = 600.0
 SOLVE_SECONDS = 120.0
@@ -97,7 +97,7 @@ class Demo:
         bag, held_out = CAPTURES
         with Children() as children:
             work = {
-                'identify': [bag, '--test', held_out, '--output', '.'],
+                'identify': [bag, '--test', held_out, '--output', '.', '--figures', FIGURES],
                 'evaluate': [held_out],
             }
             running = [
@@ -173,7 +173,8 @@ def run(argv: Sequence[str] | None = None) -> None:
         raise UsageError(f'demo: {error.filename or given.output}: {error.strerror}') from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
-    print(f'{given.output}: bags, {RESULT}, arm.yaml, probe.yaml, arm.urdf; '
+    print(f'{given.output}: bags, {RESULT}, report.html, {FIGURES}, arm.yaml, probe.yaml, '
+          f'arm.urdf; '
           f'{time.monotonic() - begin:.0f} s in all')  # fmt: skip
     print(table(columns))
 

@@ -48,12 +48,17 @@ def all_charts(done: Identification, held_out: HeldOut | None) -> list[Chart]:
 
 def drawn(chart: Chart) -> Figure:
     """A chart of the report as a figure."""
-    figure = _figure(*(size / UNITS_PER_INCH for size in SHAPES[chart.shape]))
+    width, height = (size / UNITS_PER_INCH for size in SHAPES[chart.shape])
+    figure = _figure(width, height)
     axes = figure.subplots()
+    # fixed margins: to find them takes longer than to draw
+    figure.subplots_adjust(
+        left=0.75 / width, right=1 - 0.15 / width, top=1 - 0.3 / height, bottom=0.85 / height
+    )
     for one in chart.series:
         _draw(axes, one)
     for note in chart.notes:
-        axes.annotate(note.text, (note.x, note.y), (4, 4), textcoords='offset points', color=INK)
+        axes.text(note.x, note.y, note.text, color=INK, size=9, ha='center', va='center')
     axes.set(xlabel=chart.x_label, ylabel=chart.y_label)
     _title(axes, chart.title)
     if chart.logarithmic:
@@ -69,14 +74,14 @@ def drawn(chart: Chart) -> Figure:
         for band in chart.bands[1:]:
             axes.axvline(band.begin, color=RULE, linewidth=0.8, zorder=0)
     if any(one.label for one in chart.series):
-        _key(axes)
+        _key(figure, axes)
     return figure
 
 
 def _figure(width: float, height: float) -> Figure:
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(width, height), layout='constrained', facecolor='white')
+    return Figure(figsize=(width, height), facecolor='white')
 
 
 def _title(axes: Axes, title: str) -> None:
@@ -84,20 +89,22 @@ def _title(axes: Axes, title: str) -> None:
     axes.xaxis.label.set(color=FAINT, size=9)
     axes.yaxis.label.set(color=FAINT, size=9)
     axes.tick_params(colors=FAINT, labelsize=8, length=3, width=0.6)
+    axes.tick_params(which='minor', color=RULE, length=2)
     axes.grid(True, color=RULE, linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[['top', 'right']].set_visible(False)
     axes.spines[['left', 'bottom']].set(color=RULE)
 
 
-def _key(axes: Axes) -> None:
-    """Each name once, above the plot where it hides nothing."""
+def _key(figure: Figure, axes: Axes) -> None:
+    """Each name once, below the plot where it hides nothing."""
     handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    axes.legend(
-        handles.values(), handles.keys(), loc='lower right', bbox_to_anchor=(1.0, 0.99),
-        ncols=3, frameon=False, fontsize=8, labelcolor=FAINT, borderaxespad=0,
-        handletextpad=0.2, columnspacing=1.0,
+    legend = figure.legend(
+        handles.values(), handles.keys(), loc='lower center', ncols=3, frameon=False,
+        fontsize=8, labelcolor=FAINT, handletextpad=0.2, columnspacing=1.2,
     )  # fmt: skip
+    for mark in legend.get_lines():
+        mark.set(markersize=5, alpha=1.0)
 
 
 def _draw(axes: Axes, one: Series) -> None:
@@ -115,6 +122,7 @@ def _draw(axes: Axes, one: Series) -> None:
 def before_and_after(done: Identification) -> Figure:
     """Every pose's deviation from its sphere's mean and every distance error, before and after."""
     figure = _figure(11, 4.2)
+    figure.set_layout_engine('constrained')
     poses, distances = figure.subplots(1, 2, width_ratios=(3, 2))
     for quality, role, label in (
         (done.initial, 'before', 'nominal parameters'),

@@ -68,7 +68,7 @@ def _place(record: Record, end: str) -> str:
 
 
 def _pair(spheres: list[int]) -> str:
-    return f'D{spheres[0]}-{spheres[1]}'
+    return f'D{spheres[0]}\u2011{spheres[1]}'  # a hyphen that is not broken after
 
 
 def measuring_arm(columns: Columns) -> str:

@@ -37,7 +37,7 @@ th, td { text-align: left; font-weight: normal; padding: .28rem .9rem .28rem 0;
 thead th { color: var(--faint); border-bottom: 1px solid var(--ink); vertical-align: bottom; }
 tbody th { white-space: nowrap; }
 td:last-child, th:last-child { padding-right: 0; }
-.number { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
+.number { text-align: right; font-variant-numeric: tabular-nums; }
 .key-figures td.number { font-size: 1.1rem; } .best { font-weight: 600; }
 .words { min-width: 15rem; } td.mono { font-family: ui-monospace, 'Liberation Mono', monospace;
   font-size: .82rem; overflow-wrap: anywhere; min-width: 17rem; }
@@ -83,7 +83,7 @@ svg text.note { fill: var(--ink); }
 @media (max-width: 34rem) { body { padding: 1.2rem 1rem 2rem; } h1 { font-size: 1.4rem; }
   .wide svg text, .view svg text { font-size: 14.5px; } .facts th { width: 6.5rem; }
   th, td { padding-right: .45rem; } tbody th { white-space: normal; }
-  .number { white-space: normal; } .key-figures td.number { font-size: .84rem; }
+  .key-figures td.number { font-size: .84rem; }
   table { font-size: .84rem; } thead th { font-size: .78rem; }
   .narrow th, .narrow td { padding-right: .7rem; } .words { min-width: 21rem; } }
 @page { margin: 16mm 14mm; }
@@ -96,7 +96,7 @@ svg text.note { fill: var(--ink); }
   h2, h3, caption { break-after: avoid; } figure, tr, .warnings, .sign { break-inside: avoid; }
   thead { display: table-header-group; } .scroll { overflow: visible; }
   .charts { grid-template-columns: 1fr 1fr; } .charts.three { grid-template-columns: 1fr 1fr 1fr; }
-  .number { white-space: normal; } tbody th { white-space: normal; }
+  tbody th { white-space: normal; }
   th, td { padding-right: .5rem; } .narrow th, .narrow td { padding-right: 1.5rem; }
   .words, td.mono { min-width: 0; } td.mono { font-size: 7.5pt; } }
 """

@@ -146,7 +146,7 @@ def test_what_causes_the_extremes_is_said_as_in_the_chapter(written):
             one = record['quality'][name][group]
             if group == 'distance':
                 first, second = one[f'{end}_pair']
-                place = f'D{first}-{second}'
+                place = f'D{first}\u2011{second}'
             else:
                 place = f'B{one[f"{end}_sphere"]}, {one[f"{end}_coordinate"].upper()}'
             assert cell == f'location {one[f"{end}_location"]}, {place}'
