@@ -48,6 +48,9 @@ def begun(bag: str | Path, arm: Arm, probe: Probe, gauge: Gauge) -> Begun:
     Raises:
         BagError: the bag cannot be read, or holds another arm, probe or gauge.
     """
+    if Path(bag).is_dir() and not any(Path(bag).iterdir()):  # killed between making the folder and its first file
+        Path(bag).rmdir()
+        return Begun((), None)
     mended: list[str] = []
     files = tuple(repair(bag, mended.append))
     if not any(file.counts.get(CAPTURE_POSES.name) for file in files):

@@ -72,6 +72,17 @@ def test_a_bag_of_another_arm_is_not_gone_on_with(kr5, probe, gauge, tmp_path):
         begun(tmp_path / 'bag', replace(kr5, name='other'), probe, gauge)
 
 
+def test_a_capture_killed_before_its_first_words_is_begun_anew(kr5, probe, gauge, tmp_path):
+    """Between the folder, its first file and its metadata.yaml."""
+    for number, left in enumerate(([], ['bag_0.mcap'], ['bag_0.mcap', '.metadata.yaml.7.part'])):
+        bag = tmp_path / str(number) / 'bag'
+        bag.mkdir(parents=True)
+        for name in left:
+            (bag / name).touch()
+        assert begun(bag, kr5, probe, gauge).files == ()
+        assert not bag.exists()
+
+
 def test_a_killed_capture_keeps_every_acknowledged_pose_and_resumes_to_a_complete_set(
     graph, domain, kr5, probe, gauge, placements, config, tmp_path, monkeypatch
 ):

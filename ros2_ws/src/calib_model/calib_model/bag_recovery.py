@@ -115,6 +115,8 @@ def repair(bag: str | Path, told: Callable[[str], None] = lambda line: None) -> 
     try:
         for left in folder.glob('.repair-*'):
             shutil.rmtree(left)
+        for left in folder.glob('.metadata.yaml.*.part'):  # killed while it wrote this
+            left.unlink()
         for file in files:
             account = _repaired(file, told)
             if account.messages:
@@ -172,6 +174,7 @@ class _Known:
 
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
+    defined: set[int] = field(default_factory=set)
     messages: int = 0
     damaged: bool = False
     ended: bool = False
@@ -232,7 +235,9 @@ def _copy_record(record: McapRecord, bag: BagWriter, known: _Known, found: Recov
         bag.note(record.name, record.metadata)
     elif isinstance(record, Message) and record.channel_id in known.channels:
         channel = known.channels[record.channel_id]
-        bag.define(_definition(channel, known.schemas.get(channel.schema_id)))
+        if channel.id not in known.defined:  # it takes longer than a message
+            bag.define(_definition(channel, known.schemas.get(channel.schema_id)))
+            known.defined.add(channel.id)
         bag.add(channel.topic, record.data, record.log_time, record.publish_time)
         known.messages += 1
         found.counts[channel.topic] = found.counts.get(channel.topic, 0) + 1
