@@ -48,7 +48,8 @@ def begun(bag: str | Path, arm: Arm, probe: Probe, gauge: Gauge) -> Begun:
     Raises:
         BagError: the bag cannot be read, or holds another arm, probe or gauge.
     """
-    if Path(bag).is_dir() and not any(Path(bag).iterdir()):  # killed between making the folder and its first file
+    # killed between making the folder and its first file
+    if Path(bag).is_dir() and not any(Path(bag).iterdir()):
         Path(bag).rmdir()
         return Begun((), None)
     mended: list[str] = []
