@@ -19,7 +19,7 @@ import pytest
 rclpy = pytest.importorskip('rclpy')
 pytest.importorskip('calib_interfaces.srv')
 
-from calib_interfaces.srv import Evaluate, FitProbe, Identify  # noqa: E402
+from calib_interfaces.srv import Compensate, Evaluate, FitProbe, Identify  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.parameter_client import AsyncParameterClient  # noqa: E402
@@ -30,6 +30,7 @@ from calib_bringup.domains import held_domain  # noqa: E402
 from calib_model.bag import write_measurement  # noqa: E402
 from calib_model.bag_writer import BagWriter  # noqa: E402
 from calib_model.topics import SOLVER_MARKERS  # noqa: E402
+from calib_solver.compensate import main as compensate  # noqa: E402
 from calib_solver.identify import run  # noqa: E402
 from calib_solver.messages import qos_of  # noqa: E402
 
@@ -88,7 +89,9 @@ def ask(node):
     asker = rclpy.create_node('asker', context=context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(asker)
-    kinds = {Identify: 'identify', FitProbe: 'fit_probe', Evaluate: 'evaluate'}
+    kinds = {
+        Identify: 'identify', FitProbe: 'fit_probe', Evaluate: 'evaluate', Compensate: 'compensate'
+    }  # fmt: skip
     clients = {kind: asker.create_client(kind, name) for kind, name in kinds.items()}
 
     def wait(done, what):
@@ -212,6 +215,34 @@ def test_fit_probe_and_evaluate_answer_with_figures(ask, files, tmp_path):
     assert after.success
     assert len(before.spheres) == 16
     assert 0 < after.quality.phi < before.quality.phi
+
+
+def test_compensate_answers_what_the_command_writes(ask, files, tmp_path):
+    result, table = tmp_path / 'result', tmp_path / 'targets.csv'
+    run([str(files / 'bag'), '--output', str(result)])
+    table.write_text('x,y,z\n0.45,0.1,0.4\n0.4,-0.2,0.3\n')
+    written = tmp_path / 'command.csv', tmp_path / 'node.csv'
+    assert compensate([str(result), str(table), str(written[0])]) == 0
+    answer = ask(Compensate, result=str(result), table=str(table), output=str(written[1]))
+    assert answer.success, answer.message
+    assert written[0].read_text() == written[1].read_text()
+    assert list(answer.written) == [str(written[1])]
+    rows = [0.45, 0.1, 0.4, 0.4, -0.2, 0.3]
+    again = ask(Compensate, result=str(result), position=rows)
+    assert again.rows == 2
+    assert list(again.joint_command) == list(answer.joint_command)
+    assert 0 < again.miss_mean <= again.miss_max < 0.01
+    assert 0 < again.change_max < 0.1
+    assert again.message.startswith('2 targets: the nominal commands would miss by')
+    for request, said in (
+        ({'result': str(tmp_path), 'position': rows}, 'arm.yaml: cannot be read'),
+        ({'result': str(result)}, 'no table, no position and no joint_position given'),
+        ({'result': str(result), 'position': [9.0, 9.0, 9.0]}, 'row 1: kr5 does not get to'),
+        ({'result': str(result), 'position': rows, 'tool': 'hand'}, "no tool 'hand'"),
+    ):
+        refused = ask(Compensate, **request)
+        assert refused.success is False
+        assert said in refused.message
 
 
 BAD = {
