@@ -17,11 +17,13 @@ from calib_model.description import read_description
 from calib_model.errors import ParameterError
 from calib_model.pairing import SteadySettings
 from calib_model.parameters_node import Parameters
+from calib_model.permitted import Folders, usual_writing
 from calib_model.placement import parse_placements
 from calib_model.rotation import RigidTransform
 
 _APPROACH = "m along the probe's axis that must be free before every pose"
 _POOL = 'candidates for every pose, of which the most telling are taken; 1: as they come'
+_WRITING = 'folders that goals may have bags written in'
 _TAUGHT = (
     'path of a YAML file that keeps the taught locations, and whose locations count as taught; '
     'empty: they are gone with the node'
@@ -57,6 +59,7 @@ class CaptureParameters:
     correct_clock: bool = False
     silence: float = 3.0
     taught: str = ''
+    writing: Folders = Folders('output_folders', ())
 
 
 class ParameterReader:
@@ -99,6 +102,10 @@ class ParameterReader:
                 'silence', 3.0, 's without a message after which a led capture is over', 0.1, 1e5
             ),
             taught=self._parameters.text('taught', '', _TAUGHT),
+            writing=Folders(
+                'output_folders',
+                self._parameters.texts('output_folders', usual_writing(), _WRITING),
+            ),
         )
 
     def _mode(self) -> str:

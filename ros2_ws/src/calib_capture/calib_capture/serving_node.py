@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -120,7 +121,7 @@ class CaptureServer:
         node, log = self._node, self._node.get_logger()
         node.asked = asked_by(handle.request, self._given)
         bag = str(Path(node.asked.output).absolute())
-        existed = Path(bag).exists()
+        existed = os.path.exists(bag)
         watcher = Watcher(
             log.info, _Feedback(handle),
             lambda: bool(handle.is_cancel_requested) or self._stopped(),
@@ -128,6 +129,7 @@ class CaptureServer:
         capturing = Capturing(node, self._executor, watcher, self._showing)
         success = False
         try:
+            node.asked.writing.permit(bag)
             message = capturing()
             success = True
             handle.succeed()
@@ -138,7 +140,7 @@ class CaptureServer:
             message = str(error)
             handle.abort()
         log.info(message)
-        written = success or (Path(bag).exists() and not existed)
+        written = success or (os.path.exists(bag) and not existed)
         return Capture.Result(
             success=success, message=message, bag=bag if written else '',
             taken=capturing.tally.taken, refused=sum(capturing.tally.refused.values()),

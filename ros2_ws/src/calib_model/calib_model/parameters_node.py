@@ -95,6 +95,13 @@ class Parameters:
         descriptor = ParameterDescriptor(description=about)
         return tuple(self._declared(name, list(default), descriptor, _tuple, changed))
 
+    def texts(self, name: str, default: Sequence[str], about: str) -> tuple[str, ...]:
+        """Texts; empty ones are left out, for ROS cannot tell of what kind an empty list is."""
+        given = self._declared(
+            name, list(default) or [''], ParameterDescriptor(description=about), _tuple, None
+        )
+        return tuple(str(text) for text in given if text)
+
     def _declared(
         self, name: str, default: Any, descriptor: ParameterDescriptor, check: Check,
         changed: Changed | None,

@@ -19,10 +19,14 @@ class NotPermittedError(CalibrationError):
     """A path outside the folders that were opened to callers."""
 
 
-def usual_folders() -> tuple[str, ...]:
-    """Where nodes read and write unless told otherwise: their working folder, the user's own, and
-    the one for temporary files."""
-    return str(Path.cwd()), str(Path.home()), tempfile.gettempdir()
+def usual_writing() -> tuple[str, ...]:
+    """Where nodes write unless told otherwise: their working folder and the temporary one."""
+    return str(Path.cwd()), tempfile.gettempdir()
+
+
+def usual_reading() -> tuple[str, ...]:
+    """Where nodes read unless told otherwise: there, and in the user's own folder."""
+    return (*usual_writing(), str(Path.home()))
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 
 import pytest
 
-from calib_model.permitted import Folders, NotPermittedError, usual_folders
+from calib_model.permitted import Folders, NotPermittedError, usual_reading, usual_writing
 
 
 @pytest.fixture
@@ -65,7 +65,12 @@ def test_what_is_no_path_is_refused_in_one_line(folders):
     refused(folders, '\0')
 
 
-def test_a_node_opens_its_own_the_user_s_and_the_temporary_folder(monkeypatch, tmp_path):
+def test_a_node_opens_its_own_the_temporary_and_for_reading_the_user_s_folder(
+    monkeypatch, tmp_path
+):
+    monkeypatch.setenv('HOME', str(tmp_path / 'home'))
+    monkeypatch.setenv('TMPDIR', '/nowhere')
     monkeypatch.chdir(tmp_path)
-    assert usual_folders()[0] == str(tmp_path)
-    Folders('bag_folders', usual_folders()).permit(tmp_path / 'bag')
+    Folders('bag_folders', usual_writing()).permit(tmp_path / 'bag')
+    assert str(tmp_path / 'home') in usual_reading()
+    assert str(tmp_path / 'home') not in usual_writing()

@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
+import os
 import sys
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,12 @@ from visualization_msgs.msg import MarkerArray
 from calib_model.command import run_command
 from calib_model.errors import CalibrationError
 from calib_model.parameters_node import Parameters
+from calib_model.permitted import (
+    Folders,
+    NotPermittedError,
+    usual_reading,
+    usual_writing,
+)
 from calib_model.raw_measurement import RawChoice
 from calib_model.raw_streams import RawTopics
 from calib_model.run_node import NodeCommand, run_node
@@ -40,8 +47,9 @@ EXAMPLE = """\
 ros2 run calib_solver solver
   ros2 service call /identify calib_interfaces/srv/Identify "{bag: 'bags/demo/identification'}\""""
 THREADS = 4
-
-
+READ = 'folders that callers may have bags and descriptions read from'
+WRITTEN = 'folders that callers may have results written in'
+SCHEDULERS = 'addresses of Dask schedulers that callers may name'
 MAGNIFIED = 'how many times larger than they are residuals are shown on /solver/markers'
 
 
@@ -49,14 +57,46 @@ def _nothing(_: float) -> None:
     """What a change does to no node."""
 
 
-def read_parameters(node: Any, on_magnification: Callable[[float], None] = _nothing) -> float:
-    """Declare the solver's parameters on `node`, a Node or a Sheet; returns the magnification.
+@dataclass(frozen=True)
+class Opened:
+    """What callers may reach: folders to read from and to write to, Dask schedulers to name."""
+
+    reading: Folders
+    writing: Folders
+    schedulers: tuple[str, ...]
+
+    def permit(self, reads: Sequence[str], writes: str, scheduler: str = '') -> None:
+        """Nothing, when all of it is open.
+
+        Raises:
+            NotPermittedError: something is not.
+        """
+        self.reading.permit_all([path for text in reads for path in bag_list(text)])
+        self.writing.permit_all([writes])
+        if scheduler and scheduler not in self.schedulers:
+            raise NotPermittedError(
+                f"scheduler {scheduler}: not among those open to callers (parameter 'schedulers')"
+            )
+
+
+def read_parameters(
+    node: Any, on_magnification: Callable[[float], None] = _nothing
+) -> tuple[float, Opened]:
+    """Declare the solver's parameters on `node`, a Node or a Sheet; returns what was given.
 
     Raises:
         ParameterError: it cannot be used.
     """
     parameters = Parameters(node)
-    return parameters.number('magnification', 500.0, MAGNIFIED, 1.0, 1e6, on_magnification)
+    reading, writing = usual_reading(), usual_writing()
+    opened = Opened(
+        Folders('bag_folders', parameters.texts('bag_folders', reading, READ)),
+        Folders('output_folders', parameters.texts('output_folders', writing, WRITTEN)),
+        parameters.texts('schedulers', (), SCHEDULERS),
+    )
+    return (
+        parameters.number('magnification', 500.0, MAGNIFIED, 1.0, 1e6, on_magnification), opened
+    )
 
 
 class SolverNode(Node):
@@ -64,7 +104,7 @@ class SolverNode(Node):
 
     def __init__(self) -> None:
         super().__init__('solver')
-        self._magnification = read_parameters(self, self._magnify)
+        self._magnification, self._opened = read_parameters(self, self._magnify)
         self._last: Identification | None = None
         self._markers = self.create_publisher(
             MarkerArray, SOLVER_MARKERS.name, messages.qos_of(SOLVER_MARKERS)
@@ -99,6 +139,10 @@ class SolverNode(Node):
         return answer
 
     def _identify(self, request: Identify.Request, response: Identify.Response) -> None:
+        self._opened.permit(
+            [request.bag, request.test, *_descriptions(request), _path(request.prior)],
+            request.output, request.scheduler,
+        )  # fmt: skip
         options = Options(
             request.objective or Options.objective,
             tuple(request.fix),
@@ -148,6 +192,7 @@ class SolverNode(Node):
         self._markers.publish(messages.residual_markers(done.arm.base_frame, shown))
 
     def _fit_probe(self, request: FitProbe.Request, response: FitProbe.Response) -> None:
+        self._opened.permit([request.bag, *_descriptions(request)], request.output)
         fitted = fit_from(_sources(request), request.output)
         response.flange_t_probe = messages.transform(fitted.record['flange_T_probe'])
         response.standard_uncertainty = fitted.record['standard_uncertainty']
@@ -157,6 +202,7 @@ class SolverNode(Node):
         response.message = fitted.verdict
 
     def _evaluate(self, request: Evaluate.Request, response: Evaluate.Response) -> None:
+        self._opened.permit([request.bag, *_descriptions(request)], '')
         record = evaluation_record(_sources(request))
         response.quality = messages.quality(record)
         response.spheres = messages.spheres(record['spheres'])
@@ -167,6 +213,7 @@ class SolverNode(Node):
             position, turn = np.array(request.position), np.array(request.rotation_vector)
             return rows_of(n, position, turn, np.array(request.joint_position))
 
+        self._opened.permit([request.result, request.table], request.output)
         finished = compensate_file(
             request.result, request.table or rows, request.output, request.tool,
             request.position_only,
@@ -182,6 +229,15 @@ class SolverNode(Node):
 
 def _sources(request: Any) -> Sources:
     return Sources(bag_list(request.bag), request.arm, request.probe, request.gauge)
+
+
+def _descriptions(request: Any) -> tuple[str, str, str]:
+    return request.arm, request.probe, request.gauge
+
+
+def _path(prior: str) -> str:
+    """A prior that is a file's path, not a word or a strength."""
+    return prior if os.sep in prior or os.path.exists(prior) else ''
 
 
 def _with_raw(request: Identify.Request) -> Sources:
