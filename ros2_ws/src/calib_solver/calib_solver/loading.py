@@ -239,10 +239,9 @@ def calibrate(
 
 def _inputs(sources: Sources, test: Sequence[str]) -> Inputs:
     """The files that the report names."""
-    given = {'arm': sources.arm, 'probe': sources.probe, 'gauge': sources.gauge}
-    return Inputs(
-        sources.bags, tuple(test), tuple((of, path) for of, path in given.items() if path)
-    )  # fmt: skip
+    given = ('arm', 'probe', 'gauge', 'links')
+    named = ((of, getattr(sources, of)) for of in given)
+    return Inputs(sources.bags, tuple(test), tuple((of, path) for of, path in named if path))
 
 
 def _identified(

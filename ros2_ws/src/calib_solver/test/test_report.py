@@ -13,7 +13,9 @@ import pytest
 from simulated_calibration import active, kr5, simulate
 
 from calib_model.bag import write_measurement
+from calib_model.description import gauge_yaml
 from calib_solver.figures import all_charts
+from calib_solver.held_out import HeldOut
 from calib_solver.identification import Options, identify
 from calib_solver.loading import Effort, Sources, calibrate
 from calib_solver.report import report_html
@@ -102,10 +104,11 @@ def written(active_scene, tmp_path_factory):
     last = poses.location == poses.location.max()
     for name, which in (('bag', ~last), ('held', last)):
         write_measurement(folder / name, replace(measured, poses=poses.take(which)))
+    (folder / 'bar.yaml').write_text(gauge_yaml(measured.gauge))
     effort = Effort(Plan(monte_carlo=3, bootstrap=3))
     finished = calibrate(
-        Sources((str(folder / 'bag'),)), Options(), [str(folder / 'held')], str(folder / 'out'),
-        effort,
+        Sources((str(folder / 'bag'),), gauge=str(folder / 'bar.yaml')), Options(),
+        [str(folder / 'held')], str(folder / 'out'), effort,
     )  # fmt: skip
     text = (folder / 'out' / 'report.html').read_text(encoding='utf-8')
     return finished.record, Page(text), text, folder
@@ -245,10 +248,14 @@ def test_what_was_measured_with_what_is_said(written):
     assert '1 more left out' in rows['Identified from'][0]
     assert '80 poses of 4 spheres at 1 location (5)' in rows['Held out'][0]
     assert len(page.tables['Certificate of the gauge']) == 16
-    for name in ('bag', 'held'):
-        (file,) = (folder / name).glob('*.mcap')
+    files = {
+        'identified from': next((folder / 'bag').glob('*.mcap')),
+        'held out': next((folder / 'held').glob('*.mcap')),
+        'gauge description': folder / 'bar.yaml',
+    }
+    for use, file in files.items():
         digest = hashlib.sha256(file.read_bytes()).hexdigest()
-        assert [str(file), digest] in [row[1:] for row in page.tables['Files']]
+        assert page.rows('Files')[use] == [str(file), digest]
 
 
 def test_the_readings_time_of_day_is_said_where_they_have_one():
@@ -282,3 +289,52 @@ def test_every_chart_is_drawn_and_described(written):
 def test_charts_have_names_of_their_own(active_scene):
     charts = all_charts(identify(active_scene.measured), None)
     assert len({chart.name for chart in charts}) == len(charts)
+
+
+@pytest.fixture(scope='module')
+def beyond():
+    """The record and the page of an arm whose encoders were offered as parameters, and eq. 12's
+    correction used whether it helps or not."""
+    measured = simulate(kr5(), active(), 21, locations=6, poses=8, noise=1e-4).measured
+    seen = measured.poses.location < 6
+    unseen = replace(measured, poses=measured.poses.take(~seen))
+    options = Options(correction='harmonic', joint_errors=('encoder',))
+    done = identify(replace(measured, poses=measured.poses.take(seen)), options)
+    held_out = HeldOut.by(unseen, done)
+    record = result_record(done, held_out)
+    return record, Page(report_html(done, record, Inputs(()), held_out))
+
+
+def test_what_eq_12_corrects_stands_beside_what_it_does_not(beyond):
+    record, page = beyond
+    corrected = record['correction']['quality']
+    qualities = [
+        record['quality']['initial'], record['quality']['identified'], corrected['identified'],
+        record['quality']['test_initial'], record['quality']['test'], corrected['test'],
+    ]  # fmt: skip
+    rows = page.rows('Quality')
+    assert rows['2 sigma, mean'] == [mm(q['two_sigma']['mean']) for q in qualities]
+    assert rows['distance error, max'] == [mm(q['distance']['max']) for q in qualities]
+
+
+def test_gains_on_locations_left_out_are_the_record_s(beyond):
+    record, page = beyond
+    gain = record['correction']['gain']
+    rows = page.rows('Correction functions (eq. 12)')
+    for label, key in (
+        ('all residuals, rms', 'rms'), ('2 sigma, rms', 'two_sigma'),
+        ('distance error, rms', 'distance'),
+    ):  # fmt: skip
+        assert rows[label] == [mm(gain[f'{key}_before']), mm(gain[f'{key}_after'])]
+    rows = page.rows('Joint errors')
+    for tried in record['joint_errors']['tried']:
+        assert rows[tried['kind']] == [
+            'used' if tried['identified'] else 'refused',
+            f'{shown(100 * tried["change"], 1, "+")} %', f'{tried["standard_error"]:.3f}',
+            mm(tried['rms_before']), mm(tried['rms_after']),
+        ]  # fmt: skip
+
+
+def test_nothing_is_said_beyond_where_nothing_was_asked(written):
+    _, page, *_ = written
+    assert not {'Joint errors', 'Correction functions (eq. 12)'} & set(page.tables)
