@@ -10,20 +10,23 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from calib_model.arm import Arm, NDArrayBool
+from calib_model.correction import Correction, parse_correction
 from calib_model.description import parse_arm, parse_probe, read_description
 from calib_model.errors import CalibrationError, DataError
+from calib_model.file_content import file_content
 from calib_model.jacobian import tool_motion
 from calib_model.parameters import ParameterTable
 from calib_model.probe import PassiveProbe, Probe
 from calib_model.rotation import Array, RigidTransform, frozen
 from calib_solver.tool_inverse import EXACT, Reached, Rows, Targets, reach
 
+ROUNDS = 6  # between encoder readings and joints
 TRIES = 15  # postures a nominal answer is looked for from
 
 
@@ -33,16 +36,25 @@ class CompensationError(CalibrationError):
 
 @dataclass(frozen=True)
 class Calibrated:
-    """An arm with its tool as its controller has them (nominal) and as they are (identified)."""
+    """An arm with its tool as its controller has them (nominal) and as they are (identified), and
+    what was found beyond the D-H parameters."""
 
     nominal: Arm
     identified: Arm
     nominal_tool: RigidTransform
     identified_tool: RigidTransform
+    correction: Correction | None = None
 
     def with_tool(self, flange_T_tool: RigidTransform) -> Calibrated:
         """The same arm with another tool, whose place on the flange is known."""
-        return Calibrated(self.nominal, self.identified, flange_T_tool, flange_T_tool)
+        return replace(self, nominal_tool=flange_T_tool, identified_tool=flange_T_tool)
+
+    def tool_at(self, q: Array) -> Array:
+        """Where the identified tool is (N, 3), m, when the encoders read q (N, n), rad."""
+        arm = self.identified
+        there = self.correction.joints(arm, q) if self.correction else q
+        position = tool_motion(arm, there, self.identified_tool).position
+        return position + self.correction.shifts(arm, q) if self.correction else position
 
 
 @dataclass(frozen=True)
@@ -68,14 +80,17 @@ def read_calibrated(folder: str | Path) -> Calibrated:
     table = ParameterTable.of(arm, probe)
     full = table.nominal.copy()
     try:
-        for row in json.loads(path.read_text(encoding='utf-8'))['parameters']:
+        for row in json.loads(file_content(path).decode('utf-8'))['parameters']:
             full[table.column(row['name'])] = float(row['initial'])
     except OSError as error:
         raise CalibrationError(f'{path}: cannot be read: {error.strerror}') from error
-    except (ValueError, KeyError, TypeError, DataError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError, DataError) as error:
         raise CalibrationError(f'{path}: not what identify writes: {error}') from error
     nominal, nominal_probe = table.apply(full, arm, probe)
-    return Calibrated(nominal, arm, tip(nominal_probe), tip(probe))
+    correction = None
+    if (folder / 'correction.yaml').exists():
+        correction = read_description(folder / 'correction.yaml', parse_correction).checked(arm)
+    return Calibrated(nominal, arm, tip(nominal_probe), tip(probe), correction)
 
 
 def tip(probe: Probe) -> RigidTransform:
@@ -138,9 +153,7 @@ def compensate_targets(
     for _ in range(TRIES):
         answered, answers = _nominal_answers(calibrated, targets.take(left), tried[left])
         rows = left[answered]
-        found = reach(
-            calibrated.identified, calibrated.identified_tool, targets.take(rows), answers
-        )
+        found = _really_reach(calibrated, targets.take(rows), answers)
         why |= {int(row): _obstacle(calibrated, found, i) for i, row in enumerate(rows)}
         nominal[rows], joints[rows] = answers, found.q
         left = np.setdiff1d(left, rows[found.arrived])
@@ -165,10 +178,30 @@ def _nominal_answers(
     return answered, turned[answered]
 
 
+def _really_reach(calibrated: Calibrated, targets: Targets, start: Array) -> Reached:
+    """The joint commands of the identified arm, what is beyond its D-H parameters included.
+
+    Joint errors and shifts are small and smooth, so going to and fro between what the encoders
+    read and where the joints are settles by their slope, a thousandth, each time.
+    """
+    arm, tool, correction = calibrated.identified, calibrated.identified_tool, calibrated.correction
+    if correction is None:
+        return reach(arm, tool, targets, start)
+    q, there = start, correction.joints(arm, start)
+    for _ in range(ROUNDS):
+        unshifted = Targets(targets.position - correction.shifts(arm, q), targets.rotation)
+        found = reach(arm, tool, unshifted, there)
+        q = q + found.q - correction.joints(arm, q)
+    beyond = np.maximum(arm.limits[:, 0] - q, q - arm.limits[:, 1])
+    worst = np.where(beyond.max(axis=1) > 0, beyond.argmax(axis=1), -1)
+    left = np.linalg.norm(calibrated.tool_at(q) - targets.position, axis=1)
+    return Reached(q, np.maximum(found.miss, left), np.where(found.limit < 0, worst, found.limit))
+
+
 def _from_nominal(
     calibrated: Calibrated, targets: Targets, q: Array, place: Callable[[int], str]
 ) -> Compensated:
-    found = reach(calibrated.identified, calibrated.identified_tool, targets, q)
+    found = _really_reach(calibrated, targets, q)
     for row in map(int, np.flatnonzero(~found.arrived)):
         why = _obstacle(calibrated, found, row)
         raise CompensationError(f'{place(row)}: {_unreached(calibrated, targets, row)}: {why}')
@@ -176,8 +209,7 @@ def _from_nominal(
 
 
 def _finished(calibrated: Calibrated, targets: Targets, q: Array, joints: Array) -> Compensated:
-    at = tool_motion(calibrated.identified, q, calibrated.identified_tool).position
-    missed = np.linalg.norm(at - targets.position, axis=1)
+    missed = np.linalg.norm(calibrated.tool_at(q) - targets.position, axis=1)
     return Compensated(frozen(q), frozen(joints), frozen(missed))
 
 

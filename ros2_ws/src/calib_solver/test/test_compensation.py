@@ -25,8 +25,10 @@ from simulated_calibration import (
 
 from calib_model.arm import Arm
 from calib_model.bag import write_measurement
+from calib_model.correction import Correction, Shift
 from calib_model.errors import CalibrationError, DataError, TableError
 from calib_model.jacobian import tool_motion
+from calib_model.joint_errors import JointErrors, JointTerms
 from calib_model.kinematics import forward, points
 from calib_model.rotation import RigidTransform, rotation_vector
 from calib_model.urdf import arm_urdf
@@ -174,6 +176,25 @@ def test_targets_with_an_orientation_are_reached_from_anywhere_within_the_limits
     assert calibrated.identified.within_limits(done.joints, -1e-8).all()
     nominal = forward(calibrated.nominal, done.nominal) @ TOOL.matrix()
     np.testing.assert_allclose(nominal, wanted, rtol=0, atol=1e-9)
+
+
+def test_what_was_found_beyond_the_d_h_parameters_is_made_good_too() -> None:
+    rng = np.random.default_rng(8)
+    turn = JointErrors(JointTerms(2), 5e-4 * rng.normal(size=(4, 6)))
+    shift = Shift(2e-4 * rng.normal(size=(2, 3, 6)))
+    arm = limited(kr5())
+    correction = Correction(arm.joint_names, turn, None, shift)
+    calibrated = replace(off(arm), correction=correction)
+    q = rng.uniform(0.4, 1.2, (50, 6))
+    wanted = tool_motion(arm, q, TOOL)
+    joints = compensate_joints(calibrated, q).joints
+    real = calibrated.identified
+    there = tool_motion(real, correction.joints(real, joints), calibrated.identified_tool)
+    at = there.position + correction.shifts(real, joints)
+    np.testing.assert_allclose(at, wanted.position, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(there.rotation, wanted.rotation, rtol=0, atol=1e-9)
+    plain = compensate_joints(replace(calibrated, correction=None), q).joints
+    assert np.abs(plain - joints).max() > 1e-4
 
 
 def test_limits_are_kept_by_the_joints_that_are_free_to_make_up_for_it() -> None:
