@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from calib_model.bag_reader import BagMessage, read_messages
-from calib_model.errors import BagError
+from calib_model.errors import BagError, DescriptionError
+from calib_model.plain_yaml import load_plain
 
 CLOCK_PERIOD = 0.01  # s of wall time between two messages on /clock
 
@@ -32,8 +31,8 @@ def offered_qos(text: str) -> OfferedQos:
     Text that says nothing usable gives the default, which every volatile subscriber can take.
     """
     try:
-        profiles = yaml.safe_load(text)
-    except yaml.YAMLError:
+        profiles = load_plain(text, 'offered QoS')
+    except DescriptionError:
         return OfferedQos()
     first: dict[str, Any] = {}
     if isinstance(profiles, list) and profiles and isinstance(profiles[0], dict):

@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 
 from calib_model.arm import Arm
 from calib_model.errors import TableError
+from calib_model.file_content import file_content
 from calib_model.gauge import Gauge
 from calib_model.probe import STYLI, ActiveProbe, Probe
 from calib_model.probing import ProbingSet
@@ -90,7 +92,8 @@ def read_table(file: Path, arm: Arm, probe: Probe, gauge: Gauge) -> ProbingSet:
     joints = [f'q{i}' for i in range(1, arm.n + 1)]
     strokes = probe.stroke.tolist() if isinstance(probe, ActiveProbe) else []
     styli = [f's{i}' for i in range(1, len(strokes) + 1)]
-    location, sphere, q, s = [], [], [], []
+    location, sphere = array('l'), array('l')
+    q, s = array('d'), array('d')  # lists of floats would take five times the room
     header = _Header(['location', 'sphere', *joints, *styli], arm, probe)
     for row in _rows(file, header):
         location.append(row.count('location'))
@@ -99,16 +102,16 @@ def read_table(file: Path, arm: Arm, probe: Probe, gauge: Gauge) -> ProbingSet:
             known = ', '.join(map(str, gauge.numbers))
             problem = f'{gauge.name} has no sphere {sphere[-1]} (it has {known})'
             raise row.refuse('sphere', problem)
-        q.append([_joint(row, column, arm, i) for i, column in enumerate(joints)])
+        q.extend(_joint(row, column, arm, i) for i, column in enumerate(joints))
         read = [_reading(row, *stylus) for stylus in zip(styli, strokes, strict=True)]
-        s.append(read or [0.0] * STYLI)
-    if not q:
+        s.extend(read or [0.0] * STYLI)
+    if not location:
         raise TableError(f'{file}: no rows below the header line')
-    count = len(q)
+    count = len(location)
     stamps = np.arange(1, count + 1, dtype=np.int64) * PERIOD
     return ProbingSet(
-        np.array(location), np.array(sphere), np.array(q), np.array(s), stamps,
-        np.ones(count, dtype=np.int64),
+        np.array(location), np.array(sphere), np.reshape(q, (count, -1)),
+        np.reshape(s, (count, -1)), stamps, np.ones(count, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -152,14 +155,16 @@ def _rows(file: Path, expected: _Header) -> Iterator[_Row]:
 
 def _lines(file: Path) -> Iterator[tuple[int, list[str]]]:
     try:
-        text = file.read_bytes().decode('utf-8-sig')
+        content = io.BytesIO(file_content(file))
     except OSError as error:
         raise TableError(f'{file}: cannot be read: {error.strerror}') from error
-    except UnicodeDecodeError as error:
-        raise TableError(f'{file}: not UTF-8 text') from error
-    reader = csv.reader(io.StringIO(text, newline=''), strict=True)
+    # decoded as it is read: text takes four times the room
+    text = io.TextIOWrapper(content, encoding='utf-8-sig', newline='')
+    reader = csv.reader(text, strict=True)
     try:
         for cells in reader:
             yield reader.line_num, cells
+    except UnicodeDecodeError as error:
+        raise TableError(f'{file}: not UTF-8 text') from error
     except csv.Error as error:
         raise TableError(f'{file}, line {reader.line_num}: not CSV: {error}') from error

@@ -15,6 +15,7 @@ from calib_model.command import CommandParser, run_command
 from calib_model.denavit_hartenberg import arm_of_chain
 from calib_model.description import arm_yaml
 from calib_model.errors import CalibrationError, DescriptionError
+from calib_model.file_content import file_content
 from calib_model.freedom import parallel_joints
 from calib_model.kinematics import forward
 from calib_model.rotation import RigidTransform
@@ -65,7 +66,7 @@ def read_urdf(path: str | Path) -> bytes:
         DescriptionError: it cannot be read.
     """
     try:
-        return Path(path).read_bytes()
+        return file_content(path)
     except OSError as error:
         raise DescriptionError(str(path), '', f'cannot be read: {error.strerror}') from error
 

@@ -8,10 +8,11 @@ import re
 from pathlib import Path
 from typing import IO, Any
 
-import yaml
 import zstandard
 
-from calib_model.errors import BagError
+from calib_model.errors import BagError, DescriptionError
+from calib_model.file_content import file_content
+from calib_model.plain_yaml import load_plain
 
 ZSTD = b'\x28\xb5\x2f\xfd'
 SQLITE = b'SQLite format 3\x00'
@@ -70,9 +71,11 @@ def _information(folder: Path) -> dict[str, Any]:
     if not metadata.is_file():
         return {}
     try:
-        content = yaml.safe_load(metadata.read_text(encoding='utf-8'))
-        return dict(content['rosbag2_bagfile_information'])
-    except (OSError, ValueError, yaml.YAMLError, TypeError, KeyError) as error:
+        text = file_content(metadata).decode('utf-8')
+        return dict(load_plain(text, str(metadata))['rosbag2_bagfile_information'])
+    except DescriptionError as error:
+        raise BagError(str(error)) from error
+    except (OSError, ValueError, TypeError, KeyError) as error:
         raise BagError(f'{metadata}: not a rosbag2 metadata file') from error
 
 

@@ -13,7 +13,9 @@ import yaml
 from calib_model.arm import Arm, ControllerAxis, Joint
 from calib_model.errors import DescriptionError
 from calib_model.fields import Fields, load_mapping
+from calib_model.file_content import file_content
 from calib_model.gauge import Gauge
+from calib_model.plain_yaml import LARGEST_TEXT
 from calib_model.probe import STYLI, ActiveProbe, PassiveProbe, Probe, Stylus
 from calib_model.rotation import RigidTransform
 
@@ -23,6 +25,9 @@ JOINT_KEYS = (
     'name', 'a', 'alpha', 'd', 'theta_0', 'beta', 'direction', 'limits', 'velocity', 'controller'
 )  # fmt: skip
 TRANSFORM_KEYS = ('translation', 'rotation_vector')
+LARGEST_BYTES = 4 * LARGEST_TEXT  # of a file, whatever the characters
+MOST_JOINTS = 100
+MOST_SPHERES = 1000
 
 
 def read_description(path: str | Path, parse: Callable[[str, str], T]) -> T:
@@ -33,7 +38,7 @@ def read_description(path: str | Path, parse: Callable[[str, str], T]) -> T:
     """
     path = Path(path)
     try:
-        text = path.read_text(encoding='utf-8')
+        text = file_content(path, LARGEST_BYTES).decode('utf-8')
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, 'strerror', None) or 'not a text file'
         raise DescriptionError(str(path), '', f'cannot be read: {reason}') from error
@@ -48,7 +53,10 @@ def parse_arm(text: str, source: str = 'arm description') -> Arm:
     """
     keys = ('name', 'base_frame', 'flange_frame', 'joints', *ARM_TRANSFORMS)
     top = load_mapping(text, source, keys)
-    joints = tuple(_joint(row) for row in top.rows('joints', JOINT_KEYS))
+    rows = top.rows('joints', JOINT_KEYS)
+    if len(rows) > MOST_JOINTS:
+        raise top.refuse('joints', f'expected {MOST_JOINTS} at most, got {len(rows)}')
+    joints = tuple(_joint(row) for row in rows)
     names = [joint.name for joint in joints]
     for name in names:
         if names.count(name) > 1:
@@ -143,7 +151,10 @@ def parse_gauge(text: str, source: str = 'gauge description') -> Gauge:
     if not diameter > 0:
         raise top.refuse('sphere_diameter', 'expected a diameter above zero')
     spheres: list[tuple[int, tuple[float, float, float]]] = []
-    for row in top.rows('spheres', ('number', 'center')):
+    rows = top.rows('spheres', ('number', 'center'))
+    if len(rows) > MOST_SPHERES:
+        raise top.refuse('spheres', f'expected {MOST_SPHERES} at most, got {len(rows)}')
+    for row in rows:
         number = row.number('number')
         if number != int(number) or not 0 <= number <= 65535:
             raise row.refuse('number', 'expected a whole number from 0 to 65535')

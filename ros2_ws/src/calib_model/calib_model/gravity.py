@@ -12,6 +12,7 @@ import numpy as np
 from calib_model.arm import Arm
 from calib_model.errors import DescriptionError
 from calib_model.fields import Fields, load_mapping
+from calib_model.file_content import file_content
 from calib_model.kinematics import JointFrame, joint_frames
 from calib_model.rotation import Array, frozen
 
@@ -128,7 +129,7 @@ def read_links(path: str | Path, arm: Arm) -> Links:
     """
     path = Path(path)
     try:
-        text = path.read_text(encoding='utf-8')
+        text = file_content(path).decode('utf-8')
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, 'strerror', None) or 'not a text file'
         raise DescriptionError(str(path), '', f'cannot be read: {reason}') from error

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from calib_model.errors import TableError
+from calib_model.file_content import file_content
 from calib_model.rotation import Array, rotation_matrix
 
 POSITION = ('x', 'y', 'z')
@@ -20,6 +21,7 @@ QUATERNION = ('qx', 'qy', 'qz', 'qw')
 TIME = 'time'
 #: by how much a quaternion's length may differ from 1: they are often written with few digits
 LOOSE = 1e-2
+LARGEST_TABLE = 32 * 1024 * 1024  # bytes
 EXPECTED = 'expected x,y,z[,rx,ry,rz or qx,qy,qz,qw][,q1..qn], or q1..qn, and time where wanted'
 
 
@@ -52,7 +54,7 @@ def read_targets(path: str | Path, n: int) -> TargetTable:
     """
     source = str(path)
     try:
-        text = Path(path).read_bytes().decode('utf-8-sig')
+        text = file_content(path, LARGEST_TABLE).decode('utf-8-sig')
     except OSError as error:
         raise TableError(f'{source}: cannot be read: {error.strerror}') from error
     except UnicodeDecodeError as error:
