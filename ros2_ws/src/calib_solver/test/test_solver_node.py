@@ -280,7 +280,7 @@ def test_bad_input_is_one_line_and_the_node_answers_the_next_call(ask, files, ki
         ({'free': ['q*']}, "no parameter is called 'q*'"),
         ({'prior': 'weak'}, 'weak'),
         ({'prior': '-3'}, 'strength'),
-        ({'test': '/no/bag'}, '/no/bag: no such bag'),
+        ({'test': 'no/bag'}, 'no/bag: no such bag'),
         ({'output': '{files}/taken'}, 'taken: results cannot be written'),
     ],
 )
