@@ -117,7 +117,8 @@ def linear(values: Array, most: int = 5) -> Range:
     if np.array_equal(values, np.round(values)):
         step = max(step, 1.0)
     first, last = floor(low / step + 1e-9), ceil(high / step - 1e-9)
-    last += last <= first
+    if last <= first:  # a single value stands in the middle
+        first, last = first - 1, first + 1
     ticks = tuple(step * k for k in range(first, last + 1))
     return Range(step * first, step * last, ticks)
 
