@@ -13,6 +13,7 @@ from calib_model.command import CommandParser, run_command
 from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.errors import BagError
 from calib_model.probing import Measurement, group_by_sphere
+from calib_model.progress import Progress
 
 ABOUT = """\
 Turn a table of probing poses into a bag that identify and evaluate take.
@@ -49,7 +50,7 @@ def import_csv(
         out.parent.mkdir(parents=True, exist_ok=True)
         # made beside its place and moved there, so that a failure leaves nothing behind
         with tempfile.TemporaryDirectory(prefix='.import_csv-', dir=out.parent) as part:
-            write_measurement(Path(part) / out.name, measured)
+            write_measurement(Path(part) / out.name, measured, Progress(sys.stderr))
             (Path(part) / out.name).rename(out)
     except OSError as error:
         raise BagError(f'{out}: cannot be written: {error.strerror}') from error

@@ -23,6 +23,7 @@ from calib_model.pairing import SteadySettings
 from calib_model.pairing_note import NOTE, settings_of
 from calib_model.placement import parse_placements
 from calib_model.probing import Measurement
+from calib_model.progress import Progress
 
 Settings = TypeVar('Settings', SteadySettings, MovingSettings)
 
@@ -68,7 +69,9 @@ def pair(
     """
     _refuse_existing(out)
     places = None if placements is None else read_description(placements, parse_placements)
-    repeated = repeat_pairing(raw, settings, places, correct_clock)
+    repeated = repeat_pairing(
+        raw, settings, places, correct_clock, Progress(sys.stderr)
+    )
     _write(out, repeated.measured)
     return repeated
 
@@ -82,7 +85,7 @@ def pair_led(raw: Path, out: Path, note: LedNote, correct_clock: bool = False) -
         DataError: poses that do not fit the descriptions.
     """
     _refuse_existing(out)
-    repeated = repeat_led(raw, note, correct_clock)
+    repeated = repeat_led(raw, note, correct_clock, Progress(sys.stderr))
     _write(out, repeated.measured)
     return repeated
 
@@ -96,7 +99,7 @@ def _write(out: Path, measured: Measurement) -> None:
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix='.pair-', dir=out.parent) as part:
-            write_measurement(Path(part) / out.name, measured)
+            write_measurement(Path(part) / out.name, measured, Progress(sys.stderr))
             (Path(part) / out.name).rename(out)
     except OSError as error:
         raise BagError(f'{out}: cannot be written: {error.strerror}') from error

@@ -17,6 +17,7 @@ from calib_capture.program import Program, ProgramSettings
 from calib_model.command import CommandParser, UsageError, run_command
 from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.placement import parse_placements
+from calib_model.progress import Progress
 
 ABOUT = """\
 Plan the measuring program that `capture` with the same settings would run, and tell of it: how
@@ -67,7 +68,9 @@ def planned(given: argparse.Namespace) -> Program:
         bodies=bodies,
         seed=given.seed,
     )
-    return Planner(arm, probe, gauge, settings).program(placements, given.locations or ())
+    return Planner(arm, probe, gauge, settings).program(
+        placements, given.locations or (), Progress(sys.stderr)
+    )
 
 
 def _positive(name: str, number: int) -> int:

@@ -34,6 +34,7 @@ from calib_capture.visiting import Visit, Visiting
 from calib_model.arm import Arm
 from calib_model.gauge import Gauge
 from calib_model.probe import Probe
+from calib_model.progress import Pace, Progress, paced
 from calib_model.rotation import Array, RigidTransform, frozen
 
 SPARE_SHARE = 0.2
@@ -71,9 +72,11 @@ class Planner:
         self.telling = Telling(arm, probe, gauge, settings.choice)
 
     def program(
-        self, placements: Mapping[int, RigidTransform], locations: Sequence[int] = ()
-    ) -> Program:
-        """The program for `locations` (all when empty) of `placements` (`T_base_gauge`).
+        self, placements: Mapping[int, RigidTransform], locations: Sequence[int] = (),
+        progress: Progress | None = None,
+    ) -> Program:  # fmt: skip
+        """The program for `locations` (all when empty) of `placements` (`T_base_gauge`);
+        `progress` hears how far it is.
 
         Raises:
             ProgramError: a location is not among the placements, or none of its spheres can be
@@ -88,17 +91,23 @@ class Planner:
             )
         places = {number: placements[number] for number in locations or sorted(placements)}
         drafts: list[Draft] = []
+        pace = Pace(progress, 'looking for postures', 'spheres')
+        spheres = self.settings.spheres
         for location, place in places.items():
-            found = [self.draft(place, location, sphere) for sphere in self.settings.spheres]
+            found: list[Draft] = []
+            for sphere in spheres:
+                pace(len(drafts) + len(found), len(places) * len(spheres))
+                found.append(self.draft(place, location, sphere))
             _refuse_out_of_reach(self.arm, location, found)
             drafts += found
+        pace.end()
         pools = [self.pool(places[draft.location], draft) for draft in drafts]
         chosen = choose(self.telling, pools, self.settings.poses_per_sphere).chosen
         picked = [
             [draft.candidates.found[i] for i in rows]
             for draft, rows in zip(drafts, chosen, strict=True)
         ]
-        plans, visited = self._plans(places, drafts, picked)
+        plans, visited = self._plans(places, drafts, picked, progress)
         kept = [rows[items] for rows, items in zip(chosen, visited, strict=True)]
         return Program(plans, self._expected(pools, kept), self._router(places))
 
@@ -132,7 +141,7 @@ class Planner:
 
     def _plans(
         self, places: Mapping[int, RigidTransform], drafts: Sequence[Draft],
-        picked: Sequence[Sequence[Candidate]],
+        picked: Sequence[Sequence[Candidate]], progress: Progress | None = None,
     ) -> tuple[tuple[SpherePlan, ...], list[Indices]]:  # fmt: skip
         """One sphere after the other; from location to location by a posture of rest that is
         clear of the gauge at all of them. And which of the picked are visited."""
@@ -142,7 +151,8 @@ class Planner:
         plans: list[SpherePlan] = []
         visited: list[Indices] = []
         at = drafts[0].location if drafts else 0
-        for draft, candidates in zip(drafts, picked, strict=True):
+        todo = list(zip(drafts, picked, strict=True))
+        for draft, candidates in paced(todo, progress, 'finding free ways', 'spheres'):
             back: Array = np.empty((0, self.arm.n))
             if driven and draft.location != at:
                 back = self._back(visiting.here, rest, at)

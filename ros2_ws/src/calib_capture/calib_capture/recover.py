@@ -8,6 +8,7 @@ from pathlib import Path
 
 from calib_model.bag_recovery import recover
 from calib_model.command import CommandParser, run_command
+from calib_model.progress import Progress
 
 LOSSY = 3
 
@@ -32,7 +33,7 @@ def _recover() -> int:
     parser.add_argument('bad', metavar='BAD', type=Path, help="a bag's folder or .mcap file")
     parser.add_argument('out', metavar='OUT', type=Path, help='folder to make')
     given = parser.parse_args()
-    found = recover(given.bad, given.out)
+    found = recover(given.bad, given.out, Progress(sys.stderr))
     for topic, count in sorted(found.counts.items()):
         print(f'{count:>9} {topic}')
     print(f'{given.out}: {found.messages} messages recovered, missing: {found.loss()}')

@@ -32,6 +32,7 @@ from calib_model.pairing import (
 )
 from calib_model.probe import Probe
 from calib_model.probing import Measurement, ProbingSet
+from calib_model.progress import Pace, Progress, paced
 from calib_model.rotation import Array, RigidTransform
 from calib_model.topics import (
     ARM_DESCRIPTION,
@@ -97,20 +98,21 @@ class Raw:
 
 def repeat_pairing(
     path: Path, settings: SteadySettings, placements: Mapping[int, RigidTransform] | None = None,
-    correct_clock: bool = False,
+    correct_clock: bool = False, progress: Progress | None = None,
 ) -> Repeated:  # fmt: skip
     """The poses of a bag paired anew with `settings`, in time order.
 
     The recorded poses say which sphere each belongs to; with `placements` (`T_base_gauge`) the
     nominal centres of the spheres do. With `correct_clock` readings are paired at their stamps in
     the joints' clock, as far as the streams tell the offset; poses keep the readings' stamps.
+    `progress` hears how far it is.
 
     Raises:
         BagError: no bag, a topic missing or not readable, or no pose comes of it.
         DescriptionError: a description in the bag cannot be used.
         DataError: poses that do not fit the descriptions.
     """
-    raw = read_raw(path)
+    raw = read_raw(path, progress)
     if not raw.poses and placements is None:
         raise BagError(
             f'{path}: no {CAPTURE_POSES.name} to say which spheres were probed, '
@@ -118,7 +120,9 @@ def repeat_pairing(
         )
     clock = clock_of(raw)
     shift = round(clock.seconds * SECOND) if clock is not None and correct_clock else 0
-    outcomes, too_late = _paired([_shifted(each, shift) for each in raw.stream], settings)
+    outcomes, too_late = _paired(
+        [_shifted(each, shift) for each in raw.stream], settings, progress
+    )
     steady = sorted(
         (replace(each, stamp=each.stamp - shift) for each in outcomes
          if isinstance(each, SteadyPose)),
@@ -179,8 +183,8 @@ def _probing_set(known: list[tuple[SteadyPose, Label]]) -> ProbingSet:
     )
 
 
-def read_raw(path: Path) -> Raw:
-    """The raw topics of a bag.
+def read_raw(path: Path, progress: Progress | None = None) -> Raw:
+    """The raw topics of a bag; `progress` hears how far it is.
 
     Raises:
         BagError: no bag, a topic missing or not readable.
@@ -190,11 +194,14 @@ def read_raw(path: Path) -> Raw:
     types = {topic.name: topic.type for topic in topics}
     contents: dict[str, list[Any]] = {name: [] for name in types}
     order: list[tuple[str, Any]] = []
-    for message in read_messages(path, set(types)):
+    pace = Pace(progress, f'reading {path}', 'MB', 1e6)
+    for message in read_messages(path, set(types), told=pace):
         content = _decoded(path, message, types[message.topic])
         contents[message.topic].append(content)
         if message.topic in (JOINT_STATES.name, PROBE_DISPLACEMENTS.name):
             order.append((message.topic, content))
+
+    pace.end()
 
     def described(topic: Topic, parse: Callable[[str, str], T]) -> T:
         texts = contents[topic.name]
@@ -236,12 +243,13 @@ def _samples(order: list[tuple[str, Any]], arm: Arm) -> Iterator[JointSample | R
 
 
 def _paired(
-    stream: list[JointSample | Reading], settings: SteadySettings
+    stream: list[JointSample | Reading], settings: SteadySettings,
+    progress: Progress | None = None,
 ) -> tuple[list[Outcome], int]:
     """What comes of the streams as they were received, and how many messages were too late."""
     pairing, newest, too_late = Pairing(settings), 0, 0
     outcomes: list[Outcome] = []
-    for message in stream:
+    for message in paced(stream, progress, 'pairing', 'messages', 1024):
         if isinstance(message, JointSample):
             # only joints tell: readings may lie far behind them
             if message.stamp < newest - STEP_BACK * SECOND:

@@ -17,6 +17,7 @@ from calib_model.clock_offset import ClockOffset
 from calib_model.errors import BagError
 from calib_model.pairing import SECOND, Reading
 from calib_model.probing import Measurement, ProbingSet
+from calib_model.progress import Progress, paced
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,9 @@ class RepeatedLed:
         return [self.tally.line(), *late, clock_line(self.clock, self.shift)]
 
 
-def repeat_led(path: Path, note: LedNote, correct_clock: bool = False) -> RepeatedLed:
+def repeat_led(
+    path: Path, note: LedNote, correct_clock: bool = False, progress: Progress | None = None
+) -> RepeatedLed:
     """The poses of a led arm's bag, in time order, paired as `note` says.
 
     With `correct_clock` readings are paired at their stamps in the joints' clock, as far as the
@@ -46,14 +49,14 @@ def repeat_led(path: Path, note: LedNote, correct_clock: bool = False) -> Repeat
         DescriptionError: a description in the bag cannot be used.
         DataError: poses that do not fit the descriptions.
     """
-    raw = read_raw(path)
+    raw = read_raw(path, progress)
     clock = clock_of(raw)
     shift = note.shift
     if correct_clock:
         shift = round(clock.seconds * SECOND) if clock is not None else 0
     pairing = MovingPairing(note.settings, shift)
     paired: list[PairedReading] = []
-    for message in raw.stream:
+    for message in paced(raw.stream, progress, 'pairing', 'messages', 1024):
         if isinstance(message, Reading):
             paired += pairing.add_reading(message)
         else:

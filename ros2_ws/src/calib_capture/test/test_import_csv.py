@@ -169,7 +169,7 @@ def test_a_bag_is_never_overwritten(run: Run, tmp_path: Path) -> None:
 def test_a_failing_disk_leaves_nothing_behind(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(path: Path, measured: object) -> None:
+    def full(path: Path, measured: object, progress: object = None) -> None:
         path.mkdir()
         (path / 'bag_0.mcap').write_bytes(b'half')
         raise OSError(28, 'No space left on device')

@@ -26,6 +26,7 @@ from calib_model.gauge import Gauge
 from calib_model.pose_block import decode_poses
 from calib_model.probe import Probe
 from calib_model.probing import Measurement, ProbingSet
+from calib_model.progress import Progress, paced
 from calib_model.topics import (
     ARM_DESCRIPTION,
     CAPTURE_POSES,
@@ -121,8 +122,10 @@ def write_descriptions(bag: BagWriter, arm: Arm, probe: Probe, gauge: Gauge, tim
         bag.write_message(topic, cdr.string(text), time)
 
 
-def write_measurement(path: str | Path, measured: Measurement) -> None:
-    """A measurement as a bag of its own; stamps become log times.
+def write_measurement(
+    path: str | Path, measured: Measurement, progress: Progress | None = None
+) -> None:
+    """A measurement as a bag of its own; stamps become log times. `progress` hears how far it is.
 
     Raises:
         BagError: there is something at `path` already, or it cannot be written.
@@ -131,7 +134,7 @@ def write_measurement(path: str | Path, measured: Measurement) -> None:
     with BagWriter(path, chunk_size=1 << 20) as bag:
         start = int(poses.stamp[0]) if len(poses) else 0
         write_descriptions(bag, measured.arm, measured.probe, measured.gauge, start)
-        for i in range(len(poses)):
+        for i in paced(range(len(poses)), progress, f'writing {path}', 'poses', 256):
             stamp = int(poses.stamp[i])
             pose = cdr.probing_pose(
                 stamp, measured.arm.base_frame, int(poses.location[i]), int(poses.sphere[i]),

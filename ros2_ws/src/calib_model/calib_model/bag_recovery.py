@@ -28,6 +28,7 @@ from calib_model.bag_files import SQLITE, ZSTD, bag_files, begins_with, files_in
 from calib_model.bag_reader import DAMAGE, LARGEST_RECORD
 from calib_model.bag_writer import BagWriter, write_whole
 from calib_model.errors import BagError
+from calib_model.progress import Pace, Progress
 
 UNBEGUN = 1 << 16  # bytes: a recording's first chunk, the descriptions, is smaller
 
@@ -70,8 +71,9 @@ class Recovery:
         return '; '.join(parts) or 'nothing'
 
 
-def recover(bad: str | Path, out: str | Path) -> Recovery:
-    """Copy what is whole in the bag `bad` to a new bag `out`, made whole or not at all.
+def recover(bad: str | Path, out: str | Path, progress: Progress | None = None) -> Recovery:
+    """Copy what is whole in the bag `bad` to a new bag `out`, made whole or not at all; `progress`
+    hears how far it is.
 
     Raises:
         BagError: no bag at `bad`, nothing in it to be had, or `out` exists or cannot be written.
@@ -85,7 +87,9 @@ def recover(bad: str | Path, out: str | Path) -> Recovery:
         with tempfile.TemporaryDirectory(prefix='.recover-', dir=out.parent) as part:
             with BagWriter(Path(part) / out.name, chunk_size=1 << 20) as bag:
                 for file in files:
-                    _copy(file, bag, found)
+                    pace = Pace(progress, f'copying {file}', 'MB', 1e6)
+                    _copy(file, bag, found, pace)
+                    pace.end()
             if not found.messages:
                 raise BagError(f'{bad}: no complete chunk in it, nothing can be recovered')
             bag.path.rename(out)
@@ -180,15 +184,19 @@ class _Known:
     ended: bool = False
 
 
-def _copy(file: Path, bag: BagWriter, found: Recovery) -> None:
+def _copy(
+    file: Path, bag: BagWriter, found: Recovery,
+    pace: Callable[[int, int], None] = lambda done, planned: None,
+) -> None:  # fmt: skip
     """Copy every message of a file that can be read, and count the rest."""
     known, indexed, told = _Known(), 0, -1
-    used = 0
+    used, size = 0, file.stat().st_size
     try:
         with file.open('rb') as stream:
             reader = StreamReader(stream, emit_chunks=True, record_size_limit=LARGEST_RECORD)
             for record in _until_damage(reader):
                 used = stream.tell()
+                pace(used, size)
                 if isinstance(record, Chunk):
                     known.damaged = not _copy_chunk(record, bag, known, found)
                 elif isinstance(record, MessageIndex) and known.damaged:

@@ -6,8 +6,10 @@ from __future__ import annotations
 import math
 import sys
 import time
-from typing import TextIO
+from collections.abc import Iterator, Sequence
+from typing import TextIO, TypeVar
 
+T = TypeVar('T')
 BAR = 30
 BAR_PERIOD = 0.1  # s
 LINE_PERIOD = 5.0  # s
@@ -25,7 +27,10 @@ class Progress:
         self._shown = -math.inf
         self._open = False
 
-    def show(self, done: int, planned: int, seconds_left: float, where: str, now: float) -> None:
+    def show(
+        self, done: int, planned: int, seconds_left: float, where: str, now: float,
+        things: str = '',
+    ) -> None:  # fmt: skip
         """Tell of `done` out of `planned`; `now` is a clock in s."""
         period = BAR_PERIOD if self._bar else LINE_PERIOD
         if now - self._shown < period:
@@ -33,7 +38,7 @@ class Progress:
         self._shown = now
         left = f', {_duration(seconds_left)} left' if math.isfinite(seconds_left) else ''
         if not self._bar:
-            line = f'{done} of {planned} {self._things}{left}, {where}'
+            line = f'{done} of {planned} {things or self._things}{left}, {where}'
             print(line, file=self._stream, flush=True)
             return
         filled = BAR * done // max(planned, 1)
@@ -57,13 +62,16 @@ class Progress:
 class Pace:
     """Tells a `Progress` of one stretch of work, with the time left at the pace so far.
 
-    Short work passes without a word. `unit` is how many of what is counted make one of the
-    progress's things: 1e6 where bytes are counted and MB shown.
+    Short work passes without a word, and without a `progress` all of it. `unit` is how many of what
+    is counted make one of the `things`: 1e6 where bytes are counted and MB shown.
     """
 
-    def __init__(self, progress: Progress, where: str, unit: float = 1.0) -> None:
+    def __init__(
+        self, progress: Progress | None, where: str, things: str = '', unit: float = 1.0
+    ) -> None:
         self._progress = progress
         self._where = where
+        self._things = things
         self._unit = unit
         self._begin = time.monotonic()
 
@@ -71,17 +79,29 @@ class Pace:
         """`done` out of `planned` are done."""
         now = time.monotonic()
         spent = now - self._begin
-        if spent < QUIET:
+        if self._progress is None or spent < QUIET:
             return
         # the first steps say little of the pace
         left = spent / done * (planned - done) if done > planned * FIRST else math.nan
-        self._progress.show(
-            round(done / self._unit), round(planned / self._unit), left, self._where, now
-        )
+        done, planned = round(done / self._unit), round(planned / self._unit)
+        self._progress.show(done, planned, left, self._where, now, self._things)
 
     def end(self) -> None:
         """Take the bar away, if there is one."""
-        self._progress.clear()
+        if self._progress is not None:
+            self._progress.clear()
+
+
+def paced(
+    items: Sequence[T], progress: Progress | None, where: str, things: str, every: int = 1
+) -> Iterator[T]:
+    """The items one after the other, told of with each `every`-th."""
+    pace = Pace(progress, where, things)
+    for number, item in enumerate(items):
+        if number % every == 0:
+            pace(number, len(items))
+        yield item
+    pace.end()
 
 
 def _duration(seconds: float) -> str:

@@ -108,10 +108,9 @@ def load_all(sources: Sources, progress: Progress | None = None) -> Loaded:
     )
     found: list[Part] = []
     for bag in sources.bags:
-        pace = Pace(progress, f'reading {bag}', 1e6) if progress is not None else None
+        pace = Pace(progress, f'reading {bag}', 'MB', 1e6)
         found.append(read_part(bag, given, sources.raw, sources.anew, pace))
-        if pace is not None:
-            pace.end()
+        pace.end()
     sorted_bags = [part.raw for part in found if part.raw is not None]
     if not sorted_bags:
         return Loaded(_joined([part.measured for part in found])[0])
