@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -18,7 +18,7 @@ from calib_model.description import parse_arm, parse_gauge, parse_probe
 from calib_model.errors import BagError, ContactError, DataError
 from calib_model.gauge import Gauge
 from calib_model.kinematics import points
-from calib_model.pairing import SteadyPose, SteadySettings
+from calib_model.pairing import SteadyPose
 from calib_model.pairing_note import NOTE, settings_of
 from calib_model.probe import Probe
 from calib_model.probing import Measurement, ProbingSet
@@ -36,12 +36,12 @@ MOST_STRAYS = 5  # that are told one by one
 @dataclass(frozen=True)
 class RawChoice:
     """What a user can say of a raw bag: its `topics`, the numbers of the `spheres` that were
-    probed where they are known, `settings` of the pairing (None: the bag's own), and whether the
-    arm stood still for each pose (None: the data tell)."""
+    probed where they are known, `settings` of the pairing that are not the bag's own, and whether
+    the arm stood still for each pose (None: the data tell)."""
 
     topics: RawTopics = RawTopics()
     spheres: tuple[int, ...] = ()
-    settings: SteadySettings | None = None
+    settings: tuple[tuple[str, float], ...] = ()
     standing: bool | None = None
 
 
@@ -91,7 +91,10 @@ def sort_bag(
     if len(names) != arm.n:
         raise DataError(f'--joints names {len(names)} joints, the arm {arm.name} has {arm.n}')
     streams = bag.streams(names)
-    settings = choice.settings or settings_of(read_note(path, NOTE))
+    settings = replace(
+        settings_of(read_note(path, NOTE)),
+        **dict(choice.settings),  # type: ignore[arg-type]
+    )
     paired = pair_streams(streams, settings, choice.standing)
     lines = [
         f'{path}: {len(streams.joints)} joint states and {len(streams.displacement)} readings in '

@@ -4,10 +4,8 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from dataclasses import replace
 
 from calib_model.command import CommandParser, UsageError
-from calib_model.pairing import SteadySettings
 from calib_model.raw_measurement import RawChoice
 from calib_model.raw_streams import RawTopics
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
@@ -71,5 +69,5 @@ def raw_choice(given: Namespace) -> RawChoice:
     if len(set(given.spheres)) < len(given.spheres):
         raise UsageError('--spheres: a number is there twice')
     topics = RawTopics(given.joint_states, given.displacements, tuple(given.joints))
-    settings = replace(SteadySettings(), **chosen) if chosen else None
+    settings = tuple(chosen.items())
     return RawChoice(topics, tuple(given.spheres), settings, MOTIONS[given.motion])
