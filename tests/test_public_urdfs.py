@@ -13,6 +13,7 @@ from calib_model.arm_from_urdf import main as arm_from_urdf
 from calib_model.bag import write_measurement
 from calib_model.description import parse_arm, read_description
 from calib_model.kinematics import forward
+from calib_solver.identify import main as identify_command
 from calib_solver.identify import run as identify
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / 'ros2_ws/src/calib_model/test'))
@@ -48,3 +49,27 @@ def test_a_public_urdf_is_described_identified_and_corrected(name: str, tmp_path
     changed = [old for old, new in zip(before, after, strict=True) if old != new]
     assert 0 < len(changed) <= arm.n
     assert all('<origin' in line for line in changed)
+
+
+@pytest.mark.parametrize(
+    ('urdf', 'said'),
+    [
+        (None, 'no.urdf: cannot be read: No such file or directory'),
+        ('<robot name="r"><link name="hand"/></robot>', "no link 'base_link' (there are hand)"),
+    ],
+)
+def test_a_urdf_that_cannot_be_corrected_is_one_line(
+    urdf: str | None, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = Path(__file__).resolve().parents[1] / 'bags' / 'demo' / 'identification'
+    path = tmp_path / ('no.urdf' if urdf is None else 'my.urdf')
+    if urdf is not None:
+        path.write_text(urdf)
+    given = [str(bag), '--urdf', str(path)]
+    assert identify_command([*given, '--output', str(tmp_path / 'out')]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert len(error.splitlines()) == 1
+    assert not (tmp_path / 'out' / 'robot.urdf').exists()
+    assert identify_command(given) == 2
+    assert '--urdf needs --output DIR' in capsys.readouterr().err
