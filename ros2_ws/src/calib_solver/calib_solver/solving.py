@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One table of parameters, one prior and one objective, solved for as many problems as it takes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from calib_model.arm import Arm
+from calib_model.errors import DataError, FitError, RankError
+from calib_model.parameters import ParameterTable
+from calib_model.probe import PassiveProbe, Probe
+from calib_model.rotation import Array
+from calib_solver.cross_validation import CrossValidation, choose_strength
+from calib_solver.levenberg import ROUNDING, Fit, minimise
+from calib_solver.objectives import Objective, Quadratic, objective
+from calib_solver.options import Options
+from calib_solver.probe_fit import ProbeFit, fit_probe
+from calib_solver.problem import Problem
+from calib_solver.sums import SphereSums
+from calib_solver.uncertainty import pose_variance
+
+#: one pass over the poses, as `sums.accumulate` does it here, or others on other machines
+Accumulate = Callable[[Problem, ParameterTable, Array], SphereSums]
+
+
+class Solver:
+    """One table, prior and objective, for as many problems as it takes."""
+
+    def __init__(self, table: ParameterTable, options: Options, passes: Accumulate) -> None:
+        self.table = table
+        self.passes = passes
+        self.options = options
+        self.objective: Objective = objective(options.objective)
+        self.nominal = table.nominal[table.free_columns]
+        self.scale = options.prior.sigmas(table)
+        self.information = options.prior.information(table)
+        self.start: Array = np.zeros(len(self.nominal))
+        self.least_noise = 0.0
+        self.history: tuple[float, ...] = ()
+        self.iterations = 0
+        self.evaluations = 0
+
+    def full(self, x: Array) -> Array:
+        """All columns from offsets of the free ones."""
+        return self.table.full(self.nominal + x)
+
+    def sums(self, problem: Problem, x: Array) -> SphereSums:
+        """The sums at offsets x."""
+        return self.passes(problem, self.table, self.full(x))
+
+    def value(self, problem: Problem, x: Array) -> Quadratic:
+        """The objective at offsets x."""
+        return self.objective(problem, self.sums(problem, x))
+
+    def solve(self, problem: Problem) -> Fit:
+        """The minimum, started from where the last one was found."""
+        fit = minimise(
+            lambda x: self.value(problem, x),
+            self.start, self.scale, self.information, self.least_noise,
+        )  # fmt: skip
+        self.start = fit.x
+        self.iterations += fit.iterations
+        self.evaluations += fit.evaluations
+        self.history += fit.history[1:]
+        return fit
+
+    def follow(self, leader: Solver, problem: Problem) -> None:
+        """Start from another objective's minimum; eq. 13 takes the poses' noise from there.
+
+        Distances alone are often fewer than the parameters: fitted to nothing, they would say
+        that there is no noise, and the prior would lose all its weight.
+        """
+        self.start = leader.solve(problem).x
+        self.iterations, self.evaluations = leader.iterations, leader.evaluations
+        if self.options.objective == 'distance' and len(problem.pairs):
+            sums = self.sums(problem, self.start)
+            each = (1 / np.maximum(sums.count, 1))[problem.pairs].sum(axis=1)
+            self.least_noise = pose_variance(sums) * float(each.mean())
+
+    def go_on_from(self, narrower: Solver) -> None:
+        """Start from where a table without the joint errors of this one ended."""
+        full = self.table.nominal.copy()
+        full[narrower.table.free_columns] += narrower.start
+        self.start = full[self.table.free_columns] - self.nominal
+        self.iterations, self.evaluations = narrower.iterations, narrower.evaluations
+        self.least_noise = narrower.least_noise
+
+    def account(self, problem: Problem, fit: Fit) -> Fit:
+        """The last fit with the work of all of them, from the nominal parameters on."""
+        nominal = self.value(problem, np.zeros(len(fit.x)))
+        return replace(
+            fit,
+            phi_initial=nominal.phi,
+            iterations=self.iterations,
+            evaluations=self.evaluations,
+            history=(nominal.phi, *self.history),
+        )
+
+    def choose_prior(self, problem: Problem) -> CrossValidation | None:
+        """Settle the prior's strength where that is left to cross-validation."""
+        prior, name = self.options.prior, self.options.objective
+        if not prior.candidates:
+            return None
+        start = self.solve(problem).x
+        chosen = choose_strength(problem, self.table, name, prior, start, self.least_noise)
+        prior = replace(prior, strength=chosen.chosen, candidates=())
+        self.options = replace(self.options, prior=prior)
+        self.information = prior.information(self.table)
+        return chosen
+
+    def arm_and_probe(self, problem: Problem) -> tuple[Arm, Probe]:
+        """The best arm and probe for a problem."""
+        full = self.full(self.solve(problem).x)
+        return self.table.apply(full, problem.measured.arm, problem.measured.probe)
+
+    def start_from(self, problem: Problem, probe_fit: ProbeFit | None) -> None:
+        """Start from nominal, or with the mount of eq. 15 where that fits better."""
+        if probe_fit is None:
+            return
+        full = self.table.nominal.copy()
+        mount = probe_fit.flange_T_probe
+        full[self.table.mount] = [*mount.translation, *mount.rotation_vector]
+        fitted = full[self.table.free_columns] - self.nominal
+        if self.value(problem, fitted).phi < self.value(problem, self.start).phi:
+            self.start = fitted
+
+    def refuse_worse(self, problem: Problem, fit: Fit) -> None:
+        """Raise where the fit has a higher objective than the nominal parameters."""
+        rounding = fit.quadratic.terms * ROUNDING**2
+        if not fit.quadratic.phi <= fit.phi_initial * (1 + 1e-9) + rounding:
+            raise FitError(
+                f'{problem.measured.source}: the fit is worse than the nominal parameters '
+                f'(phi {fit.quadratic.phi:.3g} against {fit.phi_initial:.3g} m^2): {fit.reason}'
+            )
+
+    def refuse_too_little(self, problem: Problem) -> None:
+        """Raise where the poses cannot carry the objective at all."""
+        quadratic = self.value(problem, np.zeros(len(self.nominal)))
+        source, free = problem.measured.source, len(self.nominal)
+        if quadratic.terms == 0:
+            raise DataError(
+                f'{source}: objective {self.options.objective} has no terms here: '
+                'it needs two spheres in one location or several poses of one sphere'
+            )
+        if not np.isfinite(quadratic.phi):
+            raise DataError(f'{source}: the nominal parameters give no finite points')
+        if self.options.prior.strength == 0 and quadratic.terms < free:
+            raise RankError(
+                f'{source}: {int(quadratic.terms)} residuals cannot tell '
+                f'{free} parameters without a prior'
+            )
+
+
+def try_probe_fit(problem: Problem) -> tuple[ProbeFit | None, tuple[str, ...]]:
+    """Eq. 15 as a start for P; an active probe whose readings cannot tell it gets a warning."""
+    if isinstance(problem.measured.probe, PassiveProbe):
+        return None, ()
+    try:
+        return fit_probe(problem), ()
+    except RankError as error:
+        return None, (str(error),)
