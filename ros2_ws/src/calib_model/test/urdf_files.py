@@ -79,7 +79,9 @@ def through_pinocchio(
     """T_base_flange (N, 4, 4) of a URDF as Pinocchio reads it, joints q (N, n) by name."""
     model = pinocchio.buildModelFromXML(text)
     data = model.createData()
-    from_base, to_flange = model.getFrameId(base), model.getFrameId(flange)
+    from_base, to_flange = (
+        model.getFrameId(link, pinocchio.FrameType.BODY) for link in (base, flange)
+    )
     found = []
     for row in q:
         full = pinocchio.neutral(model)

@@ -173,7 +173,11 @@ def pinocchio_poses(text: bytes, arm: Arm, q: Array, source: str = 'URDF') -> Ar
     except (ValueError, RuntimeError) as error:
         raise DescriptionError(source, '', f'Pinocchio does not read it: {error}') from error
     data = model.createData()
-    base, flange = model.getFrameId(arm.base_frame), model.getFrameId(arm.flange_frame)
+    # links: joints may have the same names
+    base, flange = (
+        model.getFrameId(name, pinocchio.FrameType.BODY)
+        for name in (arm.base_frame, arm.flange_frame)
+    )
     found = np.empty((len(q), 4, 4))
     for i, row in enumerate(q):
         full = pinocchio.neutral(model)

@@ -77,6 +77,14 @@ def test_a_description_a_little_off_its_urdf_is_corrected_all_the_same() -> None
     assert off(identified, corrected_urdf(arm_urdf(arm).encode(), rough, identified)) < EXACT
 
 
+def test_a_joint_and_a_link_may_have_one_name() -> None:
+    """As the Unitree Z1's gripperStator."""
+    arm = kr5()
+    text = arm_urdf(arm).replace('name="tool0_mount"', 'name="tool0"').encode()
+    identified = off_in_everything(arm, np.random.default_rng(4))
+    assert off(identified, corrected_urdf(text, arm, identified)) < EXACT
+
+
 def test_another_arm_or_other_zeros_are_refused() -> None:
     arm = kr5()
     text = arm_urdf(arm).encode()
