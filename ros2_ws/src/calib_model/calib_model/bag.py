@@ -38,6 +38,8 @@ from calib_model.topics import (
 )
 
 T = TypeVar('T')
+LARGEST_POSE = 10_000  # bytes: of a hundred joints and a long frame
+LARGEST_SET = 400_000_000  # bytes: over two million poses
 
 
 def read_measurement(
@@ -56,9 +58,16 @@ def read_measurement(
     wanted = {topic.name: topic.type for topic in (*DESCRIPTIONS, CAPTURE_POSES)}
     texts: dict[str, str] = {}
     poses: list[bytes] = []
+    size = 0
     for message in read_messages(path, set(wanted)):
         _check_type(path, message, wanted[message.topic])
         if message.topic == CAPTURE_POSES.name:
+            size += len(message.data)
+            if len(message.data) > LARGEST_POSE or size > LARGEST_SET:
+                raise BagError(
+                    f'{path}: {CAPTURE_POSES.name}, message {len(poses) + 1} has '
+                    f'{len(message.data)} bytes, {size} with those before: more than is taken'
+                )
             poses.append(message.data)
         else:
             texts[message.topic] = _decoded(path, STRING, message.topic, message.data, 1).data

@@ -17,6 +17,7 @@ from calib_model.plain_yaml import load_plain
 ZSTD = b'\x28\xb5\x2f\xfd'
 SQLITE = b'SQLite format 3\x00'
 METADATA = 'metadata.yaml'
+NO_METADATA = 'not a rosbag2 metadata file'
 KINDS = ('.mcap', '.mcap.zstd', '.db3', '.db3.zstd')
 
 
@@ -54,9 +55,9 @@ def _listed_files(folder: Path) -> list[Path]:
     information = _information(folder)
     try:
         names = information['relative_file_paths'] if information else []
-        files = [folder / Path(str(name)).name for name in names]
+        files = [folder / Path(name).name for name in names]
     except (TypeError, KeyError) as error:
-        raise BagError(f'{folder / METADATA}: not a rosbag2 metadata file') from error
+        raise BagError(f'{folder / METADATA}: {NO_METADATA}') from error
     packed = [file.with_name(f'{file.name}.zstd') for file in files]
     # a recording that was stopped hard: files are compressed, their list was not written anew
     return [
@@ -72,11 +73,11 @@ def _information(folder: Path) -> dict[str, Any]:
         return {}
     try:
         text = file_content(metadata).decode('utf-8')
-        return dict(load_plain(text, str(metadata))['rosbag2_bagfile_information'])
+        return dict(load_plain(text, NO_METADATA)['rosbag2_bagfile_information'])
     except DescriptionError as error:
-        raise BagError(str(error)) from error
+        raise BagError(f'{metadata}: {error}') from error
     except (OSError, ValueError, TypeError, KeyError) as error:
-        raise BagError(f'{metadata}: not a rosbag2 metadata file') from error
+        raise BagError(f'{metadata}: {NO_METADATA}') from error
 
 
 def listed_topics(path: str | Path) -> dict[str, str]:

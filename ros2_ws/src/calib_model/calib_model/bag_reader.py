@@ -14,10 +14,11 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, Message, Metadata, Schema, Statistics
-from mcap.stream_reader import StreamReader, get_chunk_data_stream
+from mcap.stream_reader import StreamReader
 
 from calib_model.bag_files import ZSTD, bag_files, begins_with, open_unpacked
 from calib_model.bag_sqlite import is_sqlite, sqlite_rows
+from calib_model.bag_unpacking import LARGEST_RECORD, chunk_content, unpacked_zstd
 from calib_model.errors import BagError
 
 # what a damaged file makes the reader and its decompressors raise; a wrong size asks for memory
@@ -25,7 +26,6 @@ DAMAGE = (
     McapError, struct.error, ValueError, KeyError, EOFError, OverflowError, RuntimeError,
     MemoryError, zstandard.ZstdError,
 )  # fmt: skip
-LARGEST_RECORD = 1 << 30
 MAGIC = b'\x89MCAP0\r\n'
 RECORD = struct.Struct('<BQ')  # opcode and length
 MESSAGE = struct.Struct('<HIQQ')  # channel, sequence, log time, publish time
@@ -86,8 +86,8 @@ def read_messages(
 def _unpacked(file: Path, message: BagMessage) -> BagMessage:
     """A message that rosbag2 compressed by itself; CDR never begins like that."""
     try:
-        data = zstandard.ZstdDecompressor().decompress(message.data, LARGEST_RECORD)
-    except (zstandard.ZstdError, MemoryError) as error:
+        data = unpacked_zstd(message.data)
+    except (zstandard.ZstdError, ValueError, MemoryError) as error:
         raise BagError(f'{file}: damaged: a message on {message.topic}: {error}') from error
     return message._replace(data=data)
 
@@ -178,8 +178,8 @@ class _Known:
 
         The library's `breakup_chunk` does the same, several times slower.
         """
-        stream, length = get_chunk_data_stream(chunk, validate_crc=True)
-        content = stream.read(length)
+        content = chunk_content(chunk)
+        length = len(content)
         found, at, count = [], 0, 0
         while at < length:
             opcode, size = RECORD.unpack_from(content, at)

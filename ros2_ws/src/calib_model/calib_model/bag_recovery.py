@@ -6,10 +6,9 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import yaml
 from mcap.records import (
     Channel,
     Chunk,
@@ -25,9 +24,11 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 
 from calib_model.bag_account import Definition, FileAccount, metadata_yaml
 from calib_model.bag_files import SQLITE, ZSTD, bag_files, begins_with, files_in
-from calib_model.bag_reader import DAMAGE, LARGEST_RECORD
+from calib_model.bag_reader import DAMAGE
+from calib_model.bag_unpacking import LARGEST_RECORD, chunk_content
 from calib_model.bag_writer import BagWriter, write_whole
-from calib_model.errors import BagError
+from calib_model.errors import BagError, DescriptionError
+from calib_model.plain_yaml import load_plain
 from calib_model.progress import Pace, Progress
 
 UNBEGUN = 1 << 16  # bytes: a recording's first chunk, the descriptions, is smaller
@@ -225,7 +226,9 @@ def _until_damage(reader: StreamReader) -> Iterator[McapRecord]:
 def _copy_chunk(chunk: Chunk, bag: BagWriter, known: _Known, found: Recovery) -> bool:
     """Copy a chunk, all of it or, when it is damaged, nothing; returns whether it was whole."""
     try:
-        records = breakup_chunk(chunk, validate_crc=True)
+        content = chunk_content(chunk)
+        plain = replace(chunk, compression='', data=content, uncompressed_crc=0)
+        records = breakup_chunk(plain)
     except DAMAGE:
         found.damaged_chunks += 1
         return False
@@ -253,8 +256,8 @@ def _copy_record(record: McapRecord, bag: BagWriter, known: _Known, found: Recov
 
 def _definition(channel: Channel, schema: Schema | None) -> Definition:
     try:
-        qos = yaml.safe_load(channel.metadata.get('offered_qos_profiles', ''))
-    except yaml.YAMLError:
+        qos = load_plain(channel.metadata.get('offered_qos_profiles', ''), channel.topic)
+    except DescriptionError:
         qos = None
     return Definition(
         channel.topic,
