@@ -119,7 +119,7 @@ def parse_probe(text: str, source: str = 'probe description') -> Probe:
         center = top.numbers('center', 3, (0.0, 0.0, 0.0))
         return PassiveProbe(name, flange_T_probe, np.array(center))
     if kind != 'active':
-        raise top.refuse('kind', f"expected 'active' or 'passive', got {kind!r}")
+        raise top.refuse('kind', f"expected 'active' or 'passive', got {kind[:40]!r}")
     rows = top.rows('styli', ('origin', 'direction', 'tip_radius', 'stroke'))
     if len(rows) != STYLI:
         raise top.refuse('styli', f'expected {STYLI} styli, got {len(rows)}')
@@ -129,8 +129,8 @@ def parse_probe(text: str, source: str = 'probe description') -> Probe:
 
 def _stylus(row: Fields) -> Stylus:
     origin, direction = row.numbers('origin', 3), row.numbers('direction', 3)
-    if not np.linalg.norm(direction) > 1e-9:
-        raise row.refuse('direction', 'expected a vector that is not zero')
+    if not 1e-9 < max(map(abs, direction)) < 1e9:
+        raise row.refuse('direction', 'expected a vector that is not zero, nor huge')
     lower, upper = row.numbers('stroke', 2)
     if not lower < upper:
         raise row.refuse('stroke', 'expected [free, blocked] with free < blocked')

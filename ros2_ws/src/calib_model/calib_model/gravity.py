@@ -100,7 +100,8 @@ def links_of(top: Fields, joint_names: tuple[str, ...]) -> Links:
     for row in top.rows('links', ('joint', 'mass', 'center')):
         name = row.text('joint')
         if name not in joint_names:
-            raise row.refuse('joint', f'no joint {name!r} (there are {", ".join(joint_names)})')
+            known = ', '.join(joint_names)
+            raise row.refuse('joint', f'no joint {name[:40]!r} (there are {known})')
         place = joint_names.index(name)
         mass[place] = row.number('mass')
         if mass[place] < 0:

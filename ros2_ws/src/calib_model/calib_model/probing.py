@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from calib_model.arm import Arm
 from calib_model.errors import ContactError, DataError
 from calib_model.gauge import Gauge
+from calib_model.plausible import refuse_impossible
 from calib_model.probe import ActiveProbe, Probe
 from calib_model.rotation import Array
 
 #: a reading so many strokes out is in another unit; a stroke or two may be a wrong description
 BEYOND_STROKE = 50
+BEYOND_TURNS = 1e4  # rad: no cable takes so many turns, and no cosine keeps its digits
 
 
 @dataclass(frozen=True)
@@ -94,9 +96,10 @@ class Measurement:
         """Itself, when every pose fits the arm, the probe and the gauge.
 
         Raises:
-            DataError: names the first pose that does not.
+            DataError: names the first pose that does not, or the description that cannot be.
         """
         poses = self.poses
+        refuse_impossible(self.arm, self.probe, self.gauge, self.source)
         if len(poses) == 0:
             raise DataError(f'{self.source}: holds no probing poses')
         if poses.joints.ndim != 2 or poses.joints.shape[1] != self.arm.n:
@@ -105,6 +108,8 @@ class Measurement:
                 f'the arm {self.arm.name} has {self.arm.n} joints'
             )
         self._refuse(~np.isfinite(poses.joints).all(axis=1), 'has a joint that is not finite')
+        turned = (np.abs(poses.joints) > BEYOND_TURNS).any(axis=1)
+        self._refuse(turned, f'has a joint beyond {BEYOND_TURNS:g} rad')
         self._refuse(
             ~np.isfinite(poses.displacement).all(axis=1), 'has a reading that is no number'
         )

@@ -17,6 +17,9 @@ from calib_model.topics import DISPLACEMENTS, JOINT_STATE
 HEADER = 4  # bytes of the CDR header, from behind which alignment counts
 STRINGS = 12  # offset of the frame's length, behind CDR header and stamp
 SECOND = 1_000_000_000
+MOST_NAMES = 1000  # joints of all the arms in one message
+LONGEST_NAME = 1000  # bytes
+MOST_LAYOUTS = 1000  # each is looked for in all messages
 Rows = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 
@@ -99,20 +102,24 @@ class _Reading:
     def align(self, size: int) -> None:
         self.at += -(self.at - HEADER) % size
 
-    def length(self) -> int:
+    def length(self, most: int = 1 << 32) -> int:
         self.align(4)
         if self.at + 4 > len(self.data):
             raise ValueError(f'not a {self.kind}: too short')
         (value,) = struct.unpack_from('<I', self.data, self.at)
+        if value > most:
+            raise ValueError(f'not a {self.kind}: {value} of what is {most} at most')
         self.fixed += range(self.at, self.at + 4)
         self.at += 4
         return int(value)
 
-    def string(self) -> tuple[int, int]:
-        length = self.length()
+    def string(self, counts: bool = True) -> tuple[int, int]:
+        """Where a string is; `counts`: another text makes another layout."""
+        length = self.length(LONGEST_NAME)
         begin = self.at
         self.room(length)
-        self.fixed += range(begin, begin + length)
+        if counts:
+            self.fixed += range(begin, begin + length)
         self.at += length
         return begin, length
 
@@ -123,11 +130,11 @@ class _Reading:
 
 def _joint_layout(data: bytes) -> _Layout:
     found = _Reading(data, JOINT_STATE)
-    strings = [found.string()]
-    number = found.length()
+    strings = [found.string(counts=False)]
+    number = found.length(MOST_NAMES)
     found.room(number)
     strings += [found.string() for _ in range(number)]
-    count = found.length()
+    count = found.length(MOST_NAMES)
     if count:
         found.align(8)
     found.room(8 * count)
@@ -136,7 +143,7 @@ def _joint_layout(data: bytes) -> _Layout:
 
 def _reading_layout(data: bytes) -> _Layout:
     found = _Reading(data, DISPLACEMENTS)
-    frame = found.string()
+    frame = found.string(counts=False)
     found.align(8)
     found.room(27)
     return _Layout((frame,), found.at, 3, np.array(found.fixed))
@@ -146,6 +153,7 @@ def _tables(
     messages: Sequence[bytes], layout_of: Callable[[bytes], _Layout]
 ) -> Iterator[tuple[Rows, Bytes]]:
     """Messages of one layout as rows of bytes (N, length), and which they are."""
+    found = 0
     lengths = np.fromiter(map(len, messages), dtype=np.int64, count=len(messages))
     for length in np.unique(lengths):
         rows = np.flatnonzero(lengths == length)
@@ -155,6 +163,9 @@ def _tables(
             fixed = layout_of(table[0].tobytes()).fixed
             alike = (table[:, fixed] == table[0, fixed]).all(axis=1)
             yield rows[alike], table[alike]
+            found += 1
+            if found > MOST_LAYOUTS:
+                raise ValueError(f'more than {MOST_LAYOUTS} kinds of messages, as their names go')
             rows, table = rows[~alike], table[~alike]
 
 

@@ -35,6 +35,7 @@ from calib_model.topics import (
 )
 
 BLOCK = 20_000  # messages that are decoded together
+MOST_SHOWN = 20  # names in an error
 STEP_BACK = 1.0  # s: stamps that fall back by more come from an arm that was started anew
 
 
@@ -132,9 +133,10 @@ class RawBag:
                 f'{self.path}: no message on {self.topics.joint_states} has all of the joints '
                 f'{", ".join(names)}'
             )
+        some = ', '.join(seen[:MOST_SHOWN]) + (', ...' if len(seen) > MOST_SHOWN else '')
         raise BagError(
             f'{self.path}: {self.topics.joint_states} has no joint {missing[0]} (it has '
-            f'{", ".join(seen)}): say which are the arm\'s, base first, with --joints'
+            f"{some}): say which are the arm's, base first, with --joints"
         )
 
     def _refuse_apart(self, found: RawStreams) -> None:

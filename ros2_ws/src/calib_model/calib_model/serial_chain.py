@@ -105,6 +105,10 @@ def read_chain(
 
 
 def _robot(text: str | bytes, source: str) -> ElementTree.Element:
+    marks = text.encode('utf-8', 'replace') if isinstance(text, str) else text
+    if b'<!DOCTYPE' in marks.replace(b'\0', b''):  # as UTF-16 has them
+        # entities can stand for a huge text, or for another file
+        raise DescriptionError(source, '', 'has a DOCTYPE: expected plain XML')
     try:
         robot = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
@@ -147,8 +151,10 @@ def _joint(element: ElementTree.Element, source: str) -> ChainJoint:
         raise DescriptionError(source, _place(element), f'follows another joint: {EXPECTED}')
     given = element.find('axis')
     axis = np.array([1.0, 0, 0]) if given is None else _triple(given, 'xyz', element, source)
-    if not np.linalg.norm(axis) > 1e-9:
-        raise DescriptionError(source, _place(element), 'expected an axis that is not zero')
+    if not 1e-9 < np.abs(axis).max() < 1e9:
+        raise DescriptionError(
+            source, _place(element), 'expected an axis that is not zero, nor huge'
+        )
     limits, velocity = _limits(element, kind, source)
     return ChainJoint(name, kind, origin, axis / np.linalg.norm(axis), limits, velocity)
 

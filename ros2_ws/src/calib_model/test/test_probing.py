@@ -27,7 +27,7 @@ def test_what_does_not_fit_the_instruments_is_named(measured: Measurement) -> No
     with pytest.raises(DataError, match='poses have 5 joint positions, the arm .* has 6 joints'):
         with_pose(measured, joints=poses.joints[:, :5]).checked()
     apart = poses.displacement.copy()
-    apart[7] = [0.5, -0.5, 0.0]
+    apart[7] = [0.1, -0.1, 0.0]
     with pytest.raises(DataError, match=r'here: .*no sphere .* \(reading 8 of 40\)'):
         with_pose(measured, displacement=apart).checked()
     with pytest.raises(DataError, match='holds no probing poses'):

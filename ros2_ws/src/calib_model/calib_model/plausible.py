@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Descriptions held to what can stand in a hall: numbers beyond it are slips, and overflow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from calib_model.arm import Arm
+from calib_model.errors import DataError
+from calib_model.gauge import Gauge
+from calib_model.probe import PassiveProbe, Probe
+from calib_model.rotation import Array, RigidTransform
+
+FARTHEST = 1e3  # m
+MOST_TURN = 1e3  # rad: degrees and turns written for rad stay below, to be named for what they are
+
+Quantity = tuple[str, Array, float]  # what it is called, its values, the most that they may be
+
+
+def refuse_impossible(arm: Arm, probe: Probe, gauge: Gauge, source: str) -> None:
+    """Raise where a length is over a kilometre, an angle over 1000 rad, or two spheres are one.
+
+    Raises:
+        DataError: names the instrument, the quantity and the value.
+    """
+    for of, found in ((arm.name, _of_arm(arm)), (probe.name, _of_probe(probe)),
+                      (gauge.name, _of_gauge(gauge))):  # fmt: skip
+        for name, values, most in found:
+            largest = float(np.abs(values).max(initial=0.0))
+            if not largest <= most:
+                unit, slip = ('m', ': is it in mm?') if most == FARTHEST else ('rad', '')
+                raise DataError(
+                    f'{source}: {of}: {name} of {largest:g} {unit}, expected {most:g} at most{slip}'
+                )
+    places: dict[tuple[float, float, float], int] = {}
+    for number, center in gauge.spheres:
+        if places.setdefault(center, number) != number:
+            raise DataError(
+                f'{source}: {gauge.name}: spheres {places[center]} and {number} are at one place'
+            )
+
+
+def _of_arm(arm: Arm) -> Iterator[Quantity]:
+    a, alpha, d, theta_0, beta = arm.geometry
+    yield from (('a', a, FARTHEST), ('d', d, FARTHEST))
+    yield from (('alpha', alpha, MOST_TURN), ('theta_0', theta_0, MOST_TURN))
+    yield 'beta', beta, MOST_TURN
+    for key in ('base_T_dh', 'dh_T_flange', 'flange_T_controller'):
+        yield from _of_transform(key, getattr(arm, key))
+
+
+def _of_probe(probe: Probe) -> Iterator[Quantity]:
+    yield from _of_transform('flange_T_probe', probe.flange_T_probe)
+    if isinstance(probe, PassiveProbe):
+        yield 'center', probe.center, FARTHEST
+        return
+    yield 'origin', np.array([stylus.origin for stylus in probe.styli]), FARTHEST
+    yield 'tip_radius', np.array([stylus.tip_radius for stylus in probe.styli]), FARTHEST
+    yield 'stroke', probe.stroke, FARTHEST
+
+
+def _of_gauge(gauge: Gauge) -> Iterator[Quantity]:
+    yield 'sphere_diameter', np.array(gauge.sphere_diameter), FARTHEST
+    yield 'center', np.array([center for _, center in gauge.spheres]), FARTHEST
+    yield 'uncertainty', np.array([gauge.constant, gauge.proportional]), FARTHEST
+
+
+def _of_transform(name: str, transform: RigidTransform) -> Iterator[Quantity]:
+    yield f'{name}: translation', transform.translation, FARTHEST
+    yield f'{name}: rotation_vector', transform.rotation_vector, MOST_TURN
