@@ -83,6 +83,7 @@ class Capturing:
         """Spin until nothing is missing."""
         begin = told = time.monotonic()
         while what := missing():
+            self._node.check_origins()
             now = time.monotonic()
             if self._watcher.stopped():
                 raise Stopped('nothing recorded')
@@ -149,7 +150,7 @@ class Capturing:
         self.tally = session.tally
         try:
             with session.recorder:
-                while not (session.finished or self._watcher.stopped()):
+                while not (session.finished or node.failure or self._watcher.stopped()):
                     self._executor.spin_once(timeout_sec=TICK)
                     self._watcher.show(session)
                 session.finish()

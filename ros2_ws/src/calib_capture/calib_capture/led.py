@@ -105,6 +105,11 @@ class LedRun:
             self.tally.spheres[Held(pose.location, pose.sphere)] += 1
         return poses
 
+    def doubt(self) -> None:
+        """Take back what is not certain yet."""
+        self.current, self._posture = None, None
+        self._unsure.clear()
+
     def seconds_left(self, _: float) -> float:
         """Only the operator knows."""
         return math.nan

@@ -14,12 +14,13 @@ from calib_capture.led_note import (
     clock_content,
     clock_line,
 )
-from calib_capture.moving import MovingPairing, PairedReading
+from calib_capture.moving import UNSURE, MovingPairing, PairedReading
 from calib_capture.recorder import Recorder
+from calib_capture.session import BACK
 from calib_model import cdr
 from calib_model.clock_offset import ClockEstimate
 from calib_model.pairing import SECOND, JointSample, Reading
-from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
+from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS, Topic
 
 SAVE_WITHIN = 0.2  # s: accepted poses that come closer together share a flush
 ENOUGH = 24  # stretches of contact, and a standard uncertainty of
@@ -78,6 +79,17 @@ class LedSession:
         self._newest[1] = reading.stamp
         self._take(reading)
 
+    def doubt(self, topic: Topic, raw: bytes) -> None:
+        """A message has come that may be another publisher's: it is recorded and not paired."""
+        self.recorder.raw(topic, raw, self._wall())
+        self._heard = self._clock()
+        if self._pairing is not None:
+            self._paired += self._pairing.doubt()
+        self._choose()
+        self.run.doubt()
+        if topic is PROBE_DISPLACEMENTS:
+            self.run.tally.refused[UNSURE] += 1
+
     def tick(self) -> None:
         """Do what is due without a message: correct, take poses, save."""
         now = self._clock()
@@ -107,7 +119,9 @@ class LedSession:
     def remarks(self) -> str:
         """What there is to say at the end, beside the counts."""
         late = self._pairing.late_joints if self._pairing is not None else 0
+        back = self._pairing.steps_back if self._pairing is not None else 0
         parts = [f'{late} joint states out of order'] if late else []
+        parts += [BACK.format(back)] if back else []
         return '; '.join([*parts, self._clock_line]) + apart(*self._newest)
 
     def _pair_with(self, shift: int) -> None:

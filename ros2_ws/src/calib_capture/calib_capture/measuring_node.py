@@ -5,9 +5,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from inspect import Parameter, Signature
+from typing import Any, TypeVar
 
 from calib_interfaces.msg import ProbingPose, StylusDisplacements
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
@@ -21,6 +24,7 @@ from calib_capture.led_session import LedSession
 from calib_capture.messages import joint_trajectory, joints_of, qos_of, stamp_of
 from calib_capture.planner import Planner
 from calib_capture.program import Program
+from calib_capture.publishers import Origin, Publishers, several
 from calib_capture.recorder import Recorder
 from calib_capture.run import MeasuringRun, RunError
 from calib_capture.session import CaptureSession
@@ -58,10 +62,11 @@ class CaptureNode(Node):
 
     def __init__(self) -> None:
         super().__init__('capture')
+        self._origins = {JOINT_STATES: Publishers(), PROBE_DISPLACEMENTS: Publishers()}
         self._texts: dict[str, str] = {}
         self.asked = ParameterReader(self).read()
         self._session: CaptureSession | LedSession | None = None
-        self._early: list[tuple[Callable[[bytes], None], bytes]] = []
+        self._early: list[tuple[JointSample | Reading, bytes, Origin]] = []
         self._sampled = self._read = False
         self._listening = False
         self._joint_names: tuple[str, ...] = ()
@@ -73,7 +78,8 @@ class CaptureNode(Node):
         )
         self._poses = self.create_publisher(ProbingPose, CAPTURE_POSES.name, qos_of(CAPTURE_POSES))
         self._listen_for_descriptions()
-        self.create_timer(TICK, self._tick)
+        # of the wall's time, also where a bag's time rules: it stands still when nothing plays
+        self.create_timer(TICK, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _listen_for_descriptions(self) -> None:
         for key, topic in DESCRIPTIONS.items():
@@ -134,7 +140,20 @@ class CaptureNode(Node):
         ):
             qos = qos_of(topic, best_effort=True)
             qos.depth = DEEP if self._led else qos.depth
-            self.create_subscription(kind, topic.name, take, qos, raw=True)
+            self.create_subscription(kind, topic.name, _Numbered(take), qos, raw=True)
+
+    def check_origins(self) -> None:
+        """Nothing, while each stream comes from one publisher.
+
+        Raises:
+            RunError: one comes from several; names their nodes.
+        """
+        for topic, origin in self._origins.items():
+            if origin.origin is Origin.SEVERAL:
+                origin.forget()  # the next goal finds out anew
+                found = self.get_publishers_info_by_topic(topic.name)
+                nodes = [f'{at.node_namespace.rstrip("/")}/{at.node_name}' for at in found]
+                raise RunError(several(topic.name, nodes))
 
     def missing_streams(self) -> str:
         """What of arm and probe has not shown itself yet; empty when both are there."""
@@ -167,6 +186,7 @@ class CaptureNode(Node):
 
         What has come of its streams until now is the first of it.
         """
+        self.failure = None
         asked, now = self.asked, time.monotonic
         recorder = Recorder(
             asked.output, self.arm, self.probe, self.gauge, self._announce, time.time_ns(),
@@ -181,8 +201,8 @@ class CaptureNode(Node):
         )  # fmt: skip
         self._session = session
         early, self._early = self._early, []
-        for take, raw in early:
-            take(raw)
+        for message, raw, origin in early:
+            self._pass_on(message, raw, origin)
         return session
 
     def end(self) -> None:
@@ -197,6 +217,7 @@ class CaptureNode(Node):
         if self._session is None or self.failure is not None:
             return
         try:
+            self.check_origins()
             self._session.tick()
         except RunError as error:
             self.failure = error
@@ -207,30 +228,61 @@ class CaptureNode(Node):
     def _announce(self, pose: bytes) -> None:
         self._poses.publish(pose)
 
-    def _on_joints(self, raw: bytes) -> None:
+    def _on_joints(self, raw: bytes, number: int | None) -> None:
         state = deserialize_message(raw, JointState)
         joints = joints_of(state, self._joint_names)
         if joints is None:
             return
-        self._sampled = True
+        origin = self._origins[JOINT_STATES].see(number, time.monotonic())
         sample = JointSample(stamp_of(state.header), joints)
-        if self.watch is not None:
+        self._sampled = True
+        if self.watch is not None and origin is Origin.ONE:
             self.watch(sample)
         if self._session is not None:
-            self._session.take_joints(sample, raw)
+            self._pass_on(sample, raw, origin)
         elif self._led and not self.asked.serve:
-            self._early.append((self._on_joints, raw))
+            self._early.append((sample, raw, origin))
 
-    def _on_reading(self, raw: bytes) -> None:
+    def _on_reading(self, raw: bytes, number: int | None) -> None:
         self._read = True
-        if self._session is None and self.watch is None:
-            if self._led:
-                self._early.append((self._on_reading, raw))
+        origin = self._origins[PROBE_DISPLACEMENTS].see(number, time.monotonic())
+        if self._session is None and self.watch is None and not self._led:
             return
         message = deserialize_message(raw, StylusDisplacements)
         first, second, third = message.status.tolist()
         reading = Reading(stamp_of(message.header), message.displacement, (first, second, third))
-        if self.watch is not None:
+        if self.watch is not None and origin is Origin.ONE:
             self.watch(reading)
         if self._session is not None:
-            self._session.take_reading(reading, raw)
+            self._pass_on(reading, raw, origin)
+        elif self._led and not self.asked.serve:
+            self._early.append((reading, raw, origin))
+
+    def _pass_on(self, message: JointSample | Reading, raw: bytes, origin: Origin) -> None:
+        assert self._session is not None
+        if origin is not Origin.ONE:
+            of_arm = isinstance(message, JointSample)
+            self._session.doubt(JOINT_STATES if of_arm else PROBE_DISPLACEMENTS, raw)
+        elif isinstance(message, JointSample):
+            self._session.take_joints(message, raw)
+        else:
+            self._session.take_reading(message, raw)
+
+
+class _Numbered:
+    """A subscription's callback that gets the number its publisher gave to each message.
+
+    rclpy looks at the signature to see what a callback takes. Its executor of events passes
+    message and information as one tuple, the others as two arguments.
+    """
+
+    __signature__ = Signature(
+        [Parameter(name, Parameter.POSITIONAL_ONLY) for name in ('message', 'information')]
+    )
+
+    def __init__(self, take: Callable[[bytes, int | None], None]) -> None:
+        self._take = take
+
+    def __call__(self, *given: Any) -> None:
+        message, information = given[0] if len(given) == 1 else given
+        self._take(message, information['publication_sequence_number'])

@@ -14,13 +14,21 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from calib_model.pairing import SECOND, JointSample, Reading, Reason, joints_at, objection
+from calib_model.pairing import (
+    SECOND,
+    STEP_BACK,
+    JointSample,
+    Reading,
+    Reason,
+    joints_at,
+    objection,
+)
 from calib_model.rotation import Array
 
-STEP_BACK = SECOND  # ns by which stamps fall when a clock was set back or a driver started anew
 LONGEST_WAIT = 60 * SECOND  # ns that one stream waits for the other
 NO_JOINTS = Reason.JOINTS_MISSING.value
 OUT_OF_ORDER = 'out of order'
+UNSURE = 'publisher started anew'
 NO_SPHERE = 'no sphere known there'
 NO_TOUCH = 'no sphere of that diameter touches the tips'
 
@@ -90,8 +98,10 @@ class MovingPairing:
 
     def __init__(self, settings: MovingSettings, shift: int = 0) -> None:
         self.late_joints = 0  # joint states whose place had been passed
+        self.steps_back = 0  # how often the joints' stamps began anew
         self._settings = settings
         self._shift = shift
+        self._newest_joints = -1
         self._begin()
 
     def _begin(self) -> None:
@@ -104,6 +114,8 @@ class MovingPairing:
     def add_joints(self, sample: JointSample) -> list[PairedReading]:
         """Take one joint state; returns the readings that it settles."""
         left = self._fallen_back(self._of_arm.newest, sample.stamp)
+        self.steps_back += sample.stamp < self._newest_joints - STEP_BACK
+        self._newest_joints = sample.stamp
         ready, late = self._of_arm.add(sample)
         self._joints.extend(ready)
         self.late_joints += len(late)
@@ -116,6 +128,13 @@ class MovingPairing:
         ready, late = self._of_probe.add(shifted)
         self._waiting.extend(ready)
         return left + [self._refused(each, OUT_OF_ORDER) for each in late] + self._settled()
+
+    def doubt(self) -> list[PairedReading]:
+        """Refuse all that waits, and forget the joints: they may not belong together."""
+        refused = [self._refused(each, UNSURE) for each in self._of_probe.rest()[0]]
+        refused += [self._refused(each, UNSURE) for each in self._waiting]
+        self._begin()
+        return refused
 
     def finish(self) -> list[PairedReading]:
         """Settle all that is left: no more messages are coming."""

@@ -49,7 +49,6 @@ T = TypeVar('T')
 Label = tuple[int, int]  # location and sphere
 SAME_POSTURE = 2e-3  # rad: what a run takes for the planned pose
 SAME_STOP = 0.5  # s beyond the window: other settings find another instant of the same stop
-STEP_BACK = 1.0  # s: stamps that fall back by more come from an arm that was started anew
 
 
 @dataclass
@@ -247,21 +246,15 @@ def _paired(
     progress: Progress | None = None,
 ) -> tuple[list[Outcome], int]:
     """What comes of the streams as they were received, and how many messages were too late."""
-    pairing, newest, too_late = Pairing(settings), 0, 0
+    pairing = Pairing(settings)
     outcomes: list[Outcome] = []
     for message in paced(stream, progress, 'pairing', 'messages', 1024):
         if isinstance(message, JointSample):
-            # only joints tell: readings may lie far behind them
-            if message.stamp < newest - STEP_BACK * SECOND:
-                outcomes += pairing.finish()
-                too_late += pairing.too_late
-                pairing, newest = Pairing(settings), 0
-            newest = max(newest, message.stamp)
             outcomes += pairing.add_joints(message)
         else:
             outcomes += pairing.add_reading(message)
     outcomes += pairing.finish()
-    return outcomes, too_late + pairing.too_late
+    return outcomes, pairing.too_late
 
 
 class _Recorded:

@@ -200,6 +200,7 @@ class MeasuringRun:
 
     def see(self, joints: Array, stamp: int, now: float) -> None:
         """Take note of where the arm is at a stamp (ns); while it moves, answers can still come."""
+        self._since = min(self._since, stamp)  # a clock may be set back
         if self._stands is None or np.abs(joints - self._stands).max() > STILL:
             self._sign_of_life = now
             self._stands, self._since = joints, stamp

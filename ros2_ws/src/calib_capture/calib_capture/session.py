@@ -12,9 +12,11 @@ from calib_capture.trajectory import Trajectory
 from calib_model import cdr
 from calib_model.clock_offset import ClockEstimate
 from calib_model.pairing import JointSample, Outcome, Pairing, Reading, Refusal
-from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
+from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS, Topic
 
 Clock = Callable[[], float]
+BACK = 'stamps of the joints began anew: {}'
+UNSURE = '{} messages not paired around a publisher started anew'
 SAVE_WITHIN = 0.02  # s: accepted poses that come closer together share a flush
 
 
@@ -41,6 +43,7 @@ class CaptureSession:
         self._estimate = estimate
         self._newest = [0, 0]
         self._clock_line = ''
+        self.unsure = 0  # messages that came while nobody knew from whom
         self.outcomes: list[Outcome] = []  # accepted poses and refusals so far, to be shown
 
     @property
@@ -70,6 +73,12 @@ class CaptureSession:
             self._estimate.see_reading(reading)
         self._go_on(self.pairing.add_reading(reading))
 
+    def doubt(self, topic: Topic, raw: bytes) -> None:
+        """A message has come that may be another publisher's: it is recorded and not paired."""
+        self.recorder.raw(topic, raw, self._wall())
+        self.unsure += 1
+        self.pairing.doubt()
+
     def tick(self) -> None:
         """Do what is due without a message: save, give up waiting, command.
 
@@ -95,8 +104,10 @@ class CaptureSession:
 
     def remarks(self) -> str:
         """What there is to say at the end, beside the counts; may be empty."""
-        late = self.pairing.too_late
+        late, back = self.pairing.too_late, self.pairing.steps_back
         parts = [f'{late} messages out of order'] if late else []
+        parts += [BACK.format(back)] if back else []
+        parts += [UNSURE.format(self.unsure)] if self.unsure else []
         return '; '.join([*parts, self._clock_line] if self._clock_line else parts)
 
     def _close_batch(self, now: float) -> None:

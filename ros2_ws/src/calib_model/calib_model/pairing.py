@@ -21,6 +21,7 @@ import numpy as np
 from calib_model.rotation import Array, frozen
 
 SECOND = 1_000_000_000
+STEP_BACK = SECOND  # ns by which stamps fall when a clock was set back or a driver started anew
 
 
 class Status(Enum):
@@ -148,28 +149,52 @@ class Pairing:
 
     def __init__(self, settings: SteadySettings) -> None:
         self.settings = settings
-        self._early_joints: list[JointSample] = []
-        self._early_readings: list[Reading] = []
-        self._readings: deque[Reading] = deque()
-        self._last_reading = -1
-        self._stop: _Stop | None = None
-        self._waiting: deque[_Stop] = deque()
         self.too_late = 0  # messages that came after their place had been passed
+        self.steps_back = 0  # how often the joints' stamps began anew
         self._settle = round(settings.settle * SECOND)
         self._window = round((settings.settle + settings.dwell) * SECOND)
         self._gap = round(settings.max_gap * SECOND)
         self._lateness = round(settings.lateness * SECOND)
+        self._step_back = max(STEP_BACK, self._lateness)
+        self._begin()
+
+    def _begin(self) -> None:
+        self._early_joints: list[JointSample] = []
+        self._stop: _Stop | None = None
+        self._waiting: deque[_Stop] = deque()
+        self._newest_joints = -1
+        self._begin_readings()
+
+    def _begin_readings(self) -> None:
+        self._early_readings: list[Reading] = []
+        self._readings: deque[Reading] = deque()
+        self._last_reading = self._newest_reading = -1
+
+    def doubt(self) -> None:
+        """Forget the arm's last stop and all readings: they may not belong together."""
+        self._begin()
 
     def add_joints(self, sample: JointSample) -> list[Outcome]:
-        """Take one joint state; returns what it settled."""
+        """Take one joint state; returns what it settled.
+
+        Stamps that fall begin anew: what had come of the time before is settled as it is.
+        """
+        before: list[Outcome] = []
+        if sample.stamp < self._newest_joints - self._step_back:
+            self.steps_back += 1
+            before = self.finish()
+            self._begin()
         insort(self._early_joints, sample, key=_stamp)
-        newest = self._early_joints[-1].stamp
+        newest = self._newest_joints = max(self._newest_joints, sample.stamp)
         while self._early_joints and self._early_joints[0].stamp <= newest - self._lateness:
             self._take_joints(self._early_joints.pop(0))
-        return self._settled()
+        return before + self._settled()
 
     def add_reading(self, reading: Reading) -> list[Outcome]:
         """Take one probe reading; returns what it settled."""
+        if reading.stamp < self._newest_reading - self._step_back:
+            self._begin_readings()
+        self._newest_reading = max(self._newest_reading, reading.stamp)
         insort(self._early_readings, reading, key=_stamp)
         newest = self._early_readings[-1].stamp
         while self._early_readings and self._early_readings[0].stamp <= newest - self._lateness:
