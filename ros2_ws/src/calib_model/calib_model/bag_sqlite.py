@@ -13,6 +13,7 @@ from pathlib import Path
 import zstandard
 
 from calib_model.bag_files import SQLITE, ZSTD, begins_with, open_unpacked
+from calib_model.bag_unpacking import LARGEST_RECORD
 from calib_model.errors import BagError
 
 Row = tuple[str, str, int, bytes, str]  # topic, type, time in ns, data, offered QoS
@@ -49,7 +50,7 @@ def _rows(file: Path, topics: set[str] | None) -> Iterator[Row]:
         columns = {row[1] for row in base.execute('PRAGMA table_info(topics)')}
         qos = 'offered_qos_profiles' if 'offered_qos_profiles' in columns else "''"
         known = {
-            number: (name, kind, str(offered))
+            number: (str(name), str(kind), str(offered))
             for number, name, kind, form, offered in base.execute(
                 f'SELECT id, name, type, serialization_format, {qos} FROM topics'
             )
@@ -62,4 +63,8 @@ def _rows(file: Path, topics: set[str] | None) -> Iterator[Row]:
         )  # fmt: skip
         for number, time, data in found:
             name, kind, offered = known[number]
-            yield name, kind, int(time), bytes(data), offered
+            if not isinstance(time, int) or not isinstance(data, bytes):
+                raise BagError(f'{file}: damaged: a message on {name} is none')
+            if len(data) > LARGEST_RECORD:
+                raise BagError(f'{file}: damaged: a message on {name} of {len(data)} bytes')
+            yield name, kind, time, data, offered

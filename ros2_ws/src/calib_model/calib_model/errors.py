@@ -2,11 +2,18 @@
 """What can go wrong, in one family: the edge turns these into exit code 2 or `success: false`."""
 
 
+LONGEST_LINE = 1000  # characters: names come from files, and may be of any length
+
+
 class CalibrationError(Exception):
-    """Anything that keeps a calibration from being done; its text is one line for the user."""
+    """Anything that keeps a calibration from being done; its text is one line for the user, with
+    nothing in it that a terminal obeys."""
 
     def __str__(self) -> str:
-        return ' '.join(super().__str__().split())
+        line = ' '.join(super().__str__().split())
+        if len(line) > LONGEST_LINE:
+            line = f'{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 2 :]}'
+        return ''.join(sign if sign.isprintable() else '\ufffd' for sign in line)
 
 
 class DescriptionError(CalibrationError):

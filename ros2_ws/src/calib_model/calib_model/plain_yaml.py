@@ -9,7 +9,8 @@ import yaml
 
 from calib_model.errors import DescriptionError
 
-LARGEST_TEXT = 500_000  # characters; PyYAML takes seconds for that many
+LARGEST_TEXT = 200_000  # characters; PyYAML takes seconds for that many
+LONGEST_VALUE = 10_000  # characters: some are numbers, and cost the square of it
 
 
 def load_plain(text: str, source: str) -> Any:
@@ -46,6 +47,12 @@ def _refuse_aliases_and_tags(text: str, source: str) -> None:
 
 class _Loader(yaml.SafeLoader):
     """YAML proper: of a key that is there twice, PyYAML takes the last without a word."""
+
+    def construct_scalar(self, node: yaml.ScalarNode) -> Any:
+        if len(node.value) > LONGEST_VALUE:
+            problem = f'a value of {len(node.value)} characters'
+            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
+        return super().construct_scalar(node)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen = set()
