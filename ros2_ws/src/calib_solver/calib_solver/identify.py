@@ -7,18 +7,16 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 
-from calib_model.arm_from_urdf import read_urdf
 from calib_model.command import CommandParser, UsageError, run_command
 from calib_model.progress import Progress
 from calib_solver.identification import Options
 from calib_solver.joint_error_choice import chosen_kinds
-from calib_solver.loading import Calibration, Effort, Sources, calibrate
+from calib_solver.loading import Calibration, Effort, Sources, calibrate, with_urdf
 from calib_solver.objectives import OBJECTIVES
 from calib_solver.prior import chosen_prior
 from calib_solver.raw_options import add_raw_arguments, raw_choice
 from calib_solver.resampling import Plan
 from calib_solver.summary import summary
-from calib_solver.user_urdf import write_corrected_urdf
 
 ABOUT = """\
 Identify the Denavit-Hartenberg parameters of an arm, and where the probe sits on its flange,
@@ -166,7 +164,6 @@ def run(argv: Sequence[str] | None = None) -> Calibration:
     given = arguments().parse_args(argv)
     if given.urdf and not given.output:
         raise UsageError('--urdf needs --output DIR, where robot.urdf is written')
-    urdf = read_urdf(given.urdf) if given.urdf else b''
     options = Options(
         given.objective,
         tuple(given.fix),
@@ -185,18 +182,15 @@ def run(argv: Sequence[str] | None = None) -> Calibration:
     effort = Effort(
         plan, given.scheduler, Progress(sys.stderr, 'repetitions'), Progress(sys.stderr, 'MB')
     )
-    finished = calibrate(sources, options, test, given.output, effort)
+    finished = with_urdf(
+        given.urdf, given.output, lambda: calibrate(sources, options, test, given.output, effort)
+    )
     if given.figures:
         # matplotlib takes longer to load than everything else together
         from calib_solver.figures import save_figures
 
         drawn = save_figures(finished.done, given.figures, finished.held_out)
         finished = replace(finished, written=(*finished.written, *drawn))
-    if given.urdf:
-        path = write_corrected_urdf(
-            given.output, urdf, finished.done.problem.measured.arm, finished.done.arm, given.urdf
-        )
-        finished = replace(finished, written=(*finished.written, path))
     return finished
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from calib_model.arm import Arm
+from calib_model.arm_from_urdf import read_urdf
 from calib_model.correction import Correction
 from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.errors import DataError
@@ -31,6 +32,7 @@ from calib_solver.report import report_html
 from calib_solver.report_instruments import Inputs
 from calib_solver.resampling import Plan, Resampled, refuse_plan, resample
 from calib_solver.result import Record, result_record, write_results
+from calib_solver.user_urdf import write_corrected_urdf
 
 ROUNDS = 3  # identifications at most until the numbers of a raw bag's spheres stay the same
 
@@ -234,6 +236,23 @@ def calibrate(
         report = report_html(done, record, _inputs(sources, test), held_out)
         written = write_results(output, done, record, report)
     return Calibration(done, held_out, record, tuple(written), notes)
+
+
+def with_urdf(urdf: str, output: str, calibrated: Callable[[], Calibration]) -> Calibration:
+    """A calibration, and the user's own file `urdf` with corrected joint origins in `output`.
+
+    Raises:
+        CalibrationError: the file cannot be read or corrected, or there is nowhere to write it.
+    """
+    if not urdf:
+        return calibrated()
+    if not output:
+        raise DataError('a corrected URDF is written beside the results: name a folder for them')
+    own = read_urdf(urdf)
+    finished = calibrated()
+    measured = finished.done.problem.measured
+    path = write_corrected_urdf(output, own, measured.arm, finished.done.arm, urdf)
+    return replace(finished, written=(*finished.written, path))
 
 
 def _inputs(sources: Sources, test: Sequence[str]) -> Inputs:

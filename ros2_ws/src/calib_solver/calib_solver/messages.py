@@ -12,6 +12,8 @@ from calib_interfaces.msg import (
     Diagnostics,
     DistanceQuality,
     IdentifiedParameter,
+    JointErrors,
+    LeftOutGain,
     LengthQuality,
     MeasuringArm,
     PositionQuality,
@@ -20,12 +22,14 @@ from calib_interfaces.msg import (
     ProbeFitReport,
     Quality,
     RejectedPose,
+    RepeatabilityCorrection,
     Repetitions,
     ResampledParameter,
     Resampling,
     RigidTransform,
     SinglePointQuality,
     SolverReport,
+    TriedJointErrors,
     TriedStrength,
     TwoSigmaQuality,
 )
@@ -129,6 +133,36 @@ def resampling(record: Record) -> Resampling:
     }
     parameters = [filled(ResampledParameter(), one) for one in record['parameters']]
     return filled(Resampling(), {**record, **kinds, 'parameters': parameters})
+
+
+def joint_errors(record: Record) -> JointErrors:
+    """What D-H parameters cannot say, and what it brings."""
+    tried = [
+        TriedJointErrors(kind=one['kind'], identified=one['identified'], gain=left_out_gain(one))
+        for one in record['tried']
+    ]
+    told = {**record, 'tried': tried, 'parameters': parameters(record['parameters'])}
+    return filled(JointErrors(), told)
+
+
+def left_out_gain(record: Record | None) -> LeftOutGain:
+    """A gain on locations left out; NaN where none was judged."""
+    nothing = dict.fromkeys(LeftOutGain.get_fields_and_field_types(), math.nan)
+    known = {key: value for key, value in (record or {}).items() if key in nothing}
+    return filled(LeftOutGain(), {**nothing, **known})
+
+
+def correction(record: Record) -> RepeatabilityCorrection:
+    """What came of eq. 12."""
+    found = {**record, 'gain': left_out_gain(record['gain'])}
+    of_both = found.pop('quality') or {'identified': None, 'test': None}
+    message = filled(RepeatabilityCorrection(), found)
+    for name, judged in of_both.items():
+        if judged is not None:
+            setattr(message, name, quality(judged))
+    message.has_quality = of_both['identified'] is not None
+    message.has_test = of_both['test'] is not None
+    return message
 
 
 def residual_markers(frame: str, shown: Sequence[Residuals]) -> MarkerArray:

@@ -34,7 +34,8 @@ from calib_solver.compensate import compensate_file, rows_of
 from calib_solver.evaluate import evaluation_record
 from calib_solver.fitting import fit_from
 from calib_solver.identification import Identification, Options
-from calib_solver.loading import Effort, Sources, bag_list, calibrate
+from calib_solver.joint_error_choice import chosen_kinds
+from calib_solver.loading import Effort, Sources, bag_list, calibrate, with_urdf
 from calib_solver.markers import residuals
 from calib_solver.prior import chosen_prior
 from calib_solver.resampling import Plan
@@ -140,7 +141,10 @@ class SolverNode(Node):
 
     def _identify(self, request: Identify.Request, response: Identify.Response) -> None:
         self._opened.permit(
-            [request.bag, request.test, *_descriptions(request), _path(request.prior)],
+            [
+                request.bag, request.test, *_descriptions(request), _path(request.prior),
+                request.urdf, request.links,
+            ],
             request.output, request.scheduler,
         )  # fmt: skip
         options = Options(
@@ -149,12 +153,14 @@ class SolverNode(Node):
             tuple(request.free),
             chosen_prior(request.prior),
             request.loss or Options.loss,
+            request.correction or Options.correction,
+            chosen_kinds(request.joint_errors),
         )
         plan = Plan(request.monte_carlo, request.bootstrap, request.seed)
-        finished = calibrate(
+        finished = with_urdf(request.urdf, request.output, lambda: calibrate(
             _with_raw(request), options, bag_list(request.test), request.output,
             Effort(plan, request.scheduler),
-        )  # fmt: skip
+        ))  # fmt: skip
         record = finished.record
         response.arm, response.objective = record['arm'], record['objective']
         response.parameters = messages.parameters(record['parameters'])
@@ -174,6 +180,12 @@ class SolverNode(Node):
         if record['resampling'] is not None:
             response.has_resampling = True
             response.resampling = messages.resampling(record['resampling'])
+        if record['joint_errors'] is not None:
+            response.has_joint_errors = True
+            response.joint_errors = messages.joint_errors(record['joint_errors'])
+        if record['correction'] is not None:
+            response.has_correction = True
+            response.correction = messages.correction(record['correction'])
         response.notes = finished.notes
         response.warnings = record['warnings']
         response.written = [str(path) for path in finished.written]
@@ -202,8 +214,8 @@ class SolverNode(Node):
         response.message = fitted.verdict
 
     def _evaluate(self, request: Evaluate.Request, response: Evaluate.Response) -> None:
-        self._opened.permit([request.bag, *_descriptions(request)], '')
-        record = evaluation_record(_sources(request))
+        self._opened.permit([request.bag, *_descriptions(request), request.correction], '')
+        record = evaluation_record(_sources(request), request.correction)
         response.quality = messages.quality(record)
         response.spheres = messages.spheres(record['spheres'])
         response.message = f'{len(record["spheres"])} spheres evaluated'
@@ -248,7 +260,7 @@ def _with_raw(request: Identify.Request) -> Sources:
         tuple(request.joints),
     )
     choice = RawChoice(topics, tuple(int(number) for number in request.spheres))
-    return replace(_sources(request), raw=choice, anew=request.raw)
+    return replace(_sources(request), links=request.links, raw=choice, anew=request.raw)
 
 
 def _executor() -> MultiThreadedExecutor:

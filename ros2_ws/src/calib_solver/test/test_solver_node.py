@@ -30,6 +30,7 @@ from calib_bringup.domains import held_domain  # noqa: E402
 from calib_model.bag import write_measurement  # noqa: E402
 from calib_model.bag_writer import BagWriter  # noqa: E402
 from calib_model.topics import SOLVER_MARKERS  # noqa: E402
+from calib_model.urdf import arm_urdf  # noqa: E402
 from calib_solver.compensate import main as compensate  # noqa: E402
 from calib_solver.identify import run  # noqa: E402
 from calib_solver.messages import qos_of  # noqa: E402
@@ -154,6 +155,8 @@ def test_identify_answers_what_the_command_writes(ask, files, tmp_path):
         record['solver'].pop('seconds')
         quality = record.pop('quality')
         record.pop('schema')
+        assert record.pop('joint_errors') is None and not answer.has_joint_errors
+        assert record.pop('correction') is None and not answer.has_correction
         same(answer, record)
         same(answer.initial, quality['initial'])
         same(answer.identified, quality['identified'])
@@ -164,6 +167,41 @@ def test_identify_answers_what_the_command_writes(ask, files, tmp_path):
     assert sorted(answer.written) == sorted(map(str, (tmp_path / 'node').iterdir()))
     assert answer.identified.distance.count == 24
     assert answer.identified.phi < answer.initial.phi / 100
+
+
+def told(record):
+    """A record as the message tells it: `quality` of both bags in fields of their own."""
+    of_both = record.pop('quality')
+    return record, of_both or {'identified': None, 'test': None}
+
+
+def test_what_goes_beyond_d_h_is_answered_as_it_is_written(ask, files, tmp_path):
+    bag, test, output = str(files / 'bag'), str(files / 'test'), tmp_path / 'node'
+    urdf = tmp_path / 'kr5.urdf'
+    urdf.write_text(arm_urdf(kr5()))
+    answer = ask(Identify, bag=bag, test=test, output=str(output), correction='harmonic',
+                 joint_errors='encoder', urdf=str(urdf))  # fmt: skip
+    assert answer.success, answer.message
+    record = json.loads((output / 'result.json').read_text())
+    assert answer.has_joint_errors
+    errors = record['joint_errors']
+    for one in errors['tried']:
+        one['gain'] = {key: one.pop(key) for key in sorted(one.keys() - {'kind', 'identified'})}
+    assert [one['kind'] for one in errors['tried']] == ['encoder']
+    same(answer.joint_errors, errors)
+    assert answer.has_correction
+    correction, of_both = told(record['correction'])
+    same(answer.correction, correction)
+    assert answer.correction.has_quality and answer.correction.has_test
+    same(answer.correction.identified, of_both['identified'])
+    same(answer.correction.test, of_both['test'])
+    assert {str(output / 'robot.urdf'), str(output / 'correction.yaml')} <= set(answer.written)
+    judged = ask(Evaluate, bag=test, arm=str(output / 'arm.yaml'), probe=str(output / 'probe.yaml'),
+                 correction=str(output / 'correction.yaml'))  # fmt: skip
+    assert judged.quality.phi == pytest.approx(of_both['test']['phi'])
+    refused = ask(Identify, bag=bag, urdf=str(urdf))
+    assert not refused.success
+    assert 'name a folder' in refused.message
 
 
 def test_repetitions_and_a_chosen_prior_are_those_of_the_command(ask, files):
