@@ -175,7 +175,7 @@ class Capturing:
     def _summary(self, there: Begun, stopped: bool, seconds: float, remarks: str) -> str:
         output, failure = self._node.asked.output, self._node.failure
         whole = f', {there.taken + self.tally.taken} in all' if there.taken else ''
-        remarks = f'; {remarks}' if remarks else ''
+        remarks = ''.join(f'; {remark}' for remark in (self._node.lost(), remarks) if remark)
         summary = f'{output}: {self.tally.line()} in {seconds:.1f} s{whole}{remarks}'
         if stopped:
             raise Stopped(summary)

@@ -142,6 +142,11 @@ class CaptureNode(Node):
             qos.depth = DEEP if self._led else qos.depth
             self.create_subscription(kind, topic.name, _Numbered(take), qos, raw=True)
 
+    def lost(self) -> str:
+        """How many messages did not arrive since the session began; empty when all did."""
+        counts = {topic.name: origin.lost for topic, origin in self._origins.items()}
+        return ', '.join(f'{count} of {name} lost' for name, count in counts.items() if count)
+
     def check_origins(self) -> None:
         """Nothing, while each stream comes from one publisher.
 
@@ -169,6 +174,7 @@ class CaptureNode(Node):
     def begin(self, program: Program, earlier: Sequence[FileAccount] = ()) -> CaptureSession:
         """Open the bag, or go on with the files it has, and start the run."""
         self.failure = None
+        self._count_anew()
         recorder = Recorder(
             self.asked.output, self.arm, self.probe, self.gauge, self._announce, time.time_ns(),
             self.asked.steady, earlier,
@@ -187,6 +193,8 @@ class CaptureNode(Node):
         What has come of its streams until now is the first of it.
         """
         self.failure = None
+        if self.asked.serve:  # else what came before is part of it
+            self._count_anew()
         asked, now = self.asked, time.monotonic
         recorder = Recorder(
             asked.output, self.arm, self.probe, self.gauge, self._announce, time.time_ns(),
@@ -204,6 +212,10 @@ class CaptureNode(Node):
         for message, raw, origin in early:
             self._pass_on(message, raw, origin)
         return session
+
+    def _count_anew(self) -> None:
+        for origin in self._origins.values():
+            origin.lost = 0
 
     def end(self) -> None:
         """Leave the session: what comes from now on is none of its business."""
@@ -232,6 +244,7 @@ class CaptureNode(Node):
         state = deserialize_message(raw, JointState)
         joints = joints_of(state, self._joint_names)
         if joints is None:
+            self._origins[JOINT_STATES].pass_by(number)
             return
         origin = self._origins[JOINT_STATES].see(number, time.monotonic())
         sample = JointSample(stamp_of(state.header), joints)

@@ -34,6 +34,7 @@ class Publishers:
         self._newest = -1
         self._falls: deque[float] = deque(maxlen=FALLS)
         self._since = 0  # messages since the last fall
+        self.lost = 0  # messages of which the numbers tell, and that did not come
         self.origin = Origin.ONE
 
     def see(self, number: int | None, now: float) -> Origin:
@@ -46,6 +47,8 @@ class Publishers:
         if number <= self._newest:
             self._falls.append(now)
             self._since = 0
+        elif self._newest >= 0:
+            self.lost += number - self._newest - 1
         self._newest = number
         self._since += 1
         self.origin = self._judged(now)
@@ -59,6 +62,11 @@ class Publishers:
         if self._falls and (now - self._falls[-1] < CLEAR or self._since < ENOUGH):
             return Origin.UNSURE
         return Origin.ONE
+
+    def pass_by(self, number: int | None) -> None:
+        """A message of the topic that is not of this stream, by the same publisher or another."""
+        if number == self._newest + 1:
+            self._newest = number
 
     def forget(self) -> None:
         """Begin anew: whatever was wrong has been seen to."""
