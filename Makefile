@@ -18,8 +18,16 @@ endif
 setup:
 	@tools/setup.sh
 
+# `make demo -- iiwa14`: another arm or probe, into output/demo_iiwa14.
+VARIANT := $(filter passive iiwa14 faro,$(MAKECMDGOALS))
+ifneq ($(VARIANT),)
+.PHONY: $(VARIANT)
+$(VARIANT): demo ;
+endif
+
 demo: setup
-	@source ./env.bash && python -m calib_bringup.demo --output output/demo
+	@source ./env.bash && for variant in $(or $(VARIANT),kr5); do \
+	  python -m calib_bringup.demo --variant $$variant || exit; done
 
 lint:
 	@tools/setup.sh --dev

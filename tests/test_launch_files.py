@@ -93,7 +93,7 @@ def test_every_argument_is_described_and_every_executable_is_there(launch_file, 
 
 def test_the_demo_gets_its_options_and_its_end_is_the_end(launch_file):
     (demo,) = started(launch_file('demo'), seed='3', output='here').values()
-    assert demo['arguments'] == ['--output', 'here', '--seed', '3', '--poses', '60']
+    assert demo['arguments'] == ['--variant', 'kr5', '--output', 'here', '--seed', '3']
     assert type(demo['on_exit']).__name__ == 'Shutdown'
 
 

@@ -16,21 +16,23 @@ from typing import Any
 
 from calib_bringup.domains import held_domain
 from calib_bringup.processes import Child, Children, graph_environment
+from calib_bringup.variants import CAPTURES, DEFAULT, VARIANTS, led_arguments
 from calib_model.command import CommandParser, UsageError, run_command
 
 ABOUT = """\
-Calibrate a simulated KUKA KR 5 sixx R650 with an active self-centering probe and a ball bar:
-capture 7 locations and a held-out one through the graph, identify, and say what it brought."""
+Calibrate a simulated arm by probing a ball bar: capture 7 locations and a held-out one, identify,
+and say what it brought. Arm and probe are those of the variant:
+
+""" + '\n'.join(f'  {name:9} {each.about}' for name, each in VARIANTS.items())
 EXAMPLE = """example:
   ros2 run calib_bringup demo --seed 3 --output output/demo
+  ros2 run calib_bringup demo --variant iiwa14 --poses 30
 """
-# bag: its locations and spheres; tested as in the chapter on all spheres but the last of one place
-CAPTURES = {
-    'identification': ((1, 2, 3, 4, 5, 6, 7), (1, 6, 10, 14)),
-    'held_out': ((8,), tuple(range(1, 15))),
-}
 RESULT, FIGURES = 'result.json', 'figures'
-LOGS = ('arm', 'probe', *(f'capture_{name}' for name in CAPTURES), 'identify', 'evaluate')
+LOGS = (
+    'arm', 'probe', *(f'{how}_{name}' for how in ('capture', 'hand_guided') for name in CAPTURES),
+    'identify', 'evaluate',
+)  # fmt: skip
 WRITTEN = {
     *CAPTURES, *(f'{name}.log' for name in LOGS),
     RESULT, 'arm.yaml', 'probe.yaml', 'arm.urdf', 'report.html', FIGURES,
@@ -50,13 +52,17 @@ def arguments() -> CommandParser:
     """The command line of `demo`."""
     parser = CommandParser('demo', ABOUT, EXAMPLE)
     parser.add_argument(
-        '--output', metavar='DIR', default='output/demo', help='default: %(default)s'
+        '--variant', choices=sorted(VARIANTS), default=DEFAULT, help='default: %(default)s'
     )
+    parser.add_argument(
+        '--output', metavar='DIR',
+        help='default: output/demo, output/demo_NAME for another variant',
+    )  # fmt: skip
     parser.add_argument(
         '--seed', metavar='N', type=int, default=1, help='of world and program (default: 1)'
     )
     parser.add_argument(
-        '--poses', metavar='N', type=int, default=60, help='per sphere (default: %(default)s)'
+        '--poses', metavar='N', type=int, help='per sphere (default: 60; faro: 385)'
     )
     return parser
 
@@ -64,17 +70,24 @@ def arguments() -> CommandParser:
 class Demo:
     """The steps, each leaving its files in `folder`."""
 
-    def __init__(self, folder: Path, seed: int, poses: int) -> None:
+    def __init__(self, variant: str, folder: Path, seed: int, poses: int | None) -> None:
+        self.variant = VARIANTS[variant]
         self.folder = folder
         self.seed = seed
-        self.poses = poses
+        self.poses = self.variant.poses if poses is None else poses
         self._env = graph_environment(held_domain())
 
     def capture(self) -> None:
-        """Both bags, through a graph of arm, probe and capture."""
+        """Both bags: through a graph of arm, probe and capture, or from an arm led by hand."""
+        if self.variant.led:
+            self._lead()
+            return
+        paths = self.variant.paths
         with Children() as children:
-            self._start(children, 'arm', 'calib_capture.arm_node', {'time_scale': 0.0})
-            self._start(children, 'probe', 'selfcenter_probe.probe_node', {'seed': self.seed})
+            told = {'time_scale': 0.0, **paths('arm')}
+            self._start(children, 'arm', 'calib_capture.arm_node', told)
+            told = {'seed': self.seed, **paths('arm', 'probe', 'gauge', 'placements')}
+            self._start(children, 'probe', 'selfcenter_probe.probe_node', told)
             for name, (locations, spheres) in CAPTURES.items():
                 options = {
                     'locations': list(locations), 'spheres': list(spheres), 'seed': self.seed,
@@ -83,6 +96,15 @@ class Demo:
                 module = 'calib_capture.capture_node'
                 capture = self._start(children, f'capture_{name}', module, options, shown=True)
                 children.wait(capture, CAPTURE_SECONDS)
+
+    def _lead(self) -> None:
+        with Children() as children:
+            for name in CAPTURES:
+                words = led_arguments(self.variant, name, self.seed, self.poses)
+                hand = f'hand_guided_{name}'
+                module, log = 'selfcenter_probe.hand_guided', self._log(hand)
+                led = children.start(Child(hand, module, words, self._env, log, shown=True))
+                children.wait(led, CAPTURE_SECONDS)
 
     def _start(
         self, children: Children, name: str, module: str, options: Record, shown: bool = False
@@ -156,24 +178,26 @@ def run(argv: Sequence[str] | None = None) -> None:
     given = arguments().parse_args(argv)
     if given.seed < 0:
         raise UsageError(f'demo: --seed: expected a number from 0 on, got {given.seed}')
-    if given.poses < 2:
+    if given.poses is not None and given.poses < 2:
         raise UsageError(f'demo: --poses: expected at least 2, got {given.poses}')
-    folder = Path(given.output).absolute()
+    apart = '' if given.variant == DEFAULT else f'_{given.variant}'
+    output = given.output or f'output/demo{apart}'
+    folder = Path(output).absolute()
     if not replaceable(folder):
-        raise UsageError(f'demo: {given.output} is there and no earlier demo: not replaced')
+        raise UsageError(f'demo: {output} is there and no earlier demo: not replaced')
     part = folder.with_name(f'.{folder.name}.{os.getpid()}.part')
     begin = time.monotonic()
     try:
         part.mkdir(parents=True)
-        demo = Demo(part, given.seed, given.poses)
+        demo = Demo(given.variant, part, given.seed, given.poses)
         demo.capture()
         columns = demo.identify()
         _put_in_place(part, folder)
     except OSError as error:
-        raise UsageError(f'demo: {error.filename or given.output}: {error.strerror}') from error
+        raise UsageError(f'demo: {error.filename or output}: {error.strerror}') from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
-    print(f'{given.output}: bags, {RESULT}, report.html, {FIGURES}, arm.yaml, probe.yaml, '
+    print(f'{output}: bags, {RESULT}, report.html, {FIGURES}, arm.yaml, probe.yaml, '
           f'arm.urdf; '
           f'{time.monotonic() - begin:.0f} s in all')  # fmt: skip
     print(table(columns))

@@ -31,9 +31,10 @@ OUTPUT = Argument('output', 'bag to write, a folder that is not there', 'capture
 RVIZ = Argument('rviz', 'true: show it in RViz, with robot_state_publisher')
 ARM = Argument('arm', "path of the arm's YAML; empty: the KUKA KR 5 sixx R650", text=True)
 DEMO = (
-    Argument('output', 'folder for bags and results', 'output/demo', text=True),
+    Argument('variant', 'kr5, passive, iiwa14 or faro', 'kr5', text=True),
+    Argument('output', 'folder for bags and results; empty: output/demo or _VARIANT', text=True),
     Argument('seed', 'of world and program', '1'),
-    Argument('poses', 'per sphere', '60'),
+    Argument('poses', 'per sphere; empty: as the variant has it'),
 )
 CAPTURE = (
     OUTPUT,
