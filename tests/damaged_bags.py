@@ -31,6 +31,7 @@ from calib_model.topics import (
 NUMBERS = (np.nan, np.inf, -np.inf, 1e308, 1e17, 1e5, -1e-320, 0.0)
 LENGTHS = (0, 1, 5, 7, 255, 1 << 16, 1_000_000, (1 << 31) - 1, 0xFFFFFFFF)
 GIGABYTES = 4 << 30
+TOPICS = (*DESCRIPTIONS, CAPTURE_POSES)
 
 
 def pose_bytes(measured: Measurement, row: int) -> bytes:

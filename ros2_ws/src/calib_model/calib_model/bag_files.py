@@ -18,7 +18,7 @@ ZSTD = b'\x28\xb5\x2f\xfd'
 SQLITE = b'SQLite format 3\x00'
 METADATA = 'metadata.yaml'
 NO_METADATA = 'not a rosbag2 metadata file'
-KINDS = ('.mcap', '.mcap.zstd', '.db3', '.db3.zstd')
+KINDS = ('.mcap', '.db3')
 
 
 def bag_files(path: str | Path) -> list[Path]:
@@ -32,7 +32,7 @@ def bag_files(path: str | Path) -> list[Path]:
         raise BagError(f'{path}: no such bag')
     if path.is_file():
         return [path]
-    found = _listed_files(path) or next(filter(None, (files_in(path, kind) for kind in KINDS)), [])
+    found = _listed_files(path) or unlisted_files(path)
     if not found:
         raise BagError(f'{path}: no .mcap file in this folder')
     for file in found:
@@ -44,11 +44,26 @@ def bag_files(path: str | Path) -> list[Path]:
 def files_in(folder: Path, kind: str = '.mcap') -> list[Path]:
     """The files of a folder in recorded order, whatever its metadata.yaml says."""
 
-    def recorded(file: Path) -> list[int | str]:
-        parts = re.split(r'(\d+)', file.name)  # rosbag2 counts: _9 comes before _10
-        return [int(part) if part.isdecimal() else part for part in parts]
+    return sorted(folder.glob(f'*{kind}'), key=_recorded)
 
-    return sorted(folder.glob(f'*{kind}'), key=recorded)
+
+def _recorded(file: Path) -> list[int | str]:
+    parts = re.split(r'(\d+)', file.name)  # rosbag2 counts: _9 comes before _10
+    return [int(part) if part.isdecimal() else part for part in parts]
+
+
+def unlisted_files(folder: Path) -> list[Path]:
+    """The files that a folder's metadata.yaml does not list: those of a recording stopped hard.
+
+    rosbag2 compresses a file when it begins the next one, so the last may be as it was written.
+    """
+    for kind in KINDS:
+        plain = files_in(folder, kind)
+        packed = [file for file in files_in(folder, f'{kind}.zstd')
+                  if file.with_suffix('') not in plain]  # fmt: skip
+        if plain or packed:
+            return sorted([*plain, *packed], key=_recorded)
+    return []
 
 
 def _listed_files(folder: Path) -> list[Path]:

@@ -23,9 +23,10 @@ from mcap.records import (
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from calib_model.bag_account import Definition, FileAccount, metadata_yaml
-from calib_model.bag_files import SQLITE, ZSTD, bag_files, begins_with, files_in
+from calib_model.bag_files import ZSTD, bag_files, files_in, open_unpacked, unlisted_files
 from calib_model.bag_reader import DAMAGE
-from calib_model.bag_unpacking import LARGEST_RECORD, chunk_content
+from calib_model.bag_sqlite import is_sqlite
+from calib_model.bag_unpacking import LARGEST_RECORD, chunk_content, unpacked_zstd
 from calib_model.bag_writer import BagWriter, write_whole
 from calib_model.errors import BagError, DescriptionError
 from calib_model.plain_yaml import load_plain
@@ -164,12 +165,12 @@ def _files_of(bad: Path) -> list[Path]:
         files = bag_files(bad)
     except BagError:
         # a metadata.yaml that was not finished either: the files speak for themselves
-        files = files_in(bad) if bad.is_dir() else []
+        files = unlisted_files(bad) if bad.is_dir() else []
         if not files:
             raise
     for file in files:
-        if begins_with(file, ZSTD) or begins_with(file, SQLITE):
-            raise BagError(f'{file}: only plain MCAP files are recovered')
+        if is_sqlite(file):
+            raise BagError(f'{file}: only MCAP files are recovered')
     return files
 
 
@@ -193,10 +194,10 @@ def _copy(
     known, indexed, told = _Known(), 0, -1
     used, size = 0, file.stat().st_size
     try:
-        with file.open('rb') as stream:
+        with file.open('rb') as packed, open_unpacked(file, packed) as stream:
             reader = StreamReader(stream, emit_chunks=True, record_size_limit=LARGEST_RECORD)
             for record in _until_damage(reader):
-                used = stream.tell()
+                used = packed.tell()
                 pace(used, size)
                 if isinstance(record, Chunk):
                     known.damaged = not _copy_chunk(record, bag, known, found)
@@ -249,7 +250,15 @@ def _copy_record(record: McapRecord, bag: BagWriter, known: _Known, found: Recov
         if channel.id not in known.defined:  # it takes longer than a message
             bag.define(_definition(channel, known.schemas.get(channel.schema_id)))
             known.defined.add(channel.id)
-        bag.add(channel.topic, record.data, record.log_time, record.publish_time)
+        data = record.data
+        if data[:4] == ZSTD:  # CDR never begins like that
+            try:
+                data = unpacked_zstd(data)
+            except DAMAGE:
+                known.messages += 1  # the file counts it
+                found.lost += 1
+                return
+        bag.add(channel.topic, data, record.log_time, record.publish_time)
         known.messages += 1
         found.counts[channel.topic] = found.counts.get(channel.topic, 0) + 1
 

@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
+from threading import get_native_id
 from types import TracebackType
 from typing import Any
 
@@ -38,6 +40,7 @@ class BagWriter:
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._closed = self._listed = False
+        self._safe = 0  # bytes that a flush has put on disk
         try:
             if not self._earlier:
                 self.path.mkdir(parents=True)
@@ -46,8 +49,9 @@ class BagWriter:
             raise BagError(f'{self.path}: exists already, a bag is never overwritten') from None
         except OSError as error:
             raise BagError(f'{self.path}: cannot be written: {error.strerror}') from error
+        self._disk = _Disk(self.path)
         self._writer = Writer(self._stream, chunk_size, CompressionType.ZSTD)
-        with _Disk(self.path):
+        with self._disk:
             self._writer.start(profile='ros2', library='calib_model')
             if not self._earlier:
                 self._write_metadata()
@@ -66,7 +70,7 @@ class BagWriter:
         """Open the channel of a topic, once."""
         if definition.topic in self._channels:
             return
-        with _Disk(self.path):
+        with self._disk:
             if definition.type not in self._schemas:
                 self._schemas[definition.type] = self._writer.register_schema(
                     definition.type, definition.encoding, definition.schema
@@ -80,20 +84,21 @@ class BagWriter:
     def add(self, topic: str, data: bytes, log_time: int, publish_time: int) -> None:
         """Add one message to a topic that was defined."""
         count = self._account.counts.get(topic, 0)
-        with _Disk(self.path):
+        with self._disk:
             self._writer.add_message(self._channels[topic], log_time, data, publish_time, count)
         self._account.add(topic, log_time)
 
     def note(self, name: str, content: dict[str, str]) -> None:
         """Add a metadata record of the MCAP: settings and the like, not seen as messages."""
-        with _Disk(self.path):
+        with self._disk:
             self._writer.add_metadata(name, content)
 
     def flush(self) -> None:
         """Put everything written so far on disk, in a complete chunk."""
-        with _Disk(self.path):
+        with self._disk:
             self._writer.flush()
             os.fsync(self._stream.fileno())
+            self._safe = self._stream.tell()
             if self._earlier and not self._listed:
                 self._write_metadata()
 
@@ -103,14 +108,26 @@ class BagWriter:
             return self._account
         self._closed = True
         try:
-            with _Disk(self.path):
-                self._writer.finish()
-                self._stream.flush()
-                os.fsync(self._stream.fileno())
-                self._write_metadata()
+            if not self._disk.failed:
+                with self._disk:
+                    self._writer.finish()
+                    self._stream.flush()
+                    os.fsync(self._stream.fileno())
+                    self._safe = self._stream.tell()
+                    self._write_metadata()
         finally:
-            self._stream.close()
+            self._let_go()
         return self._account
+
+    def _let_go(self) -> None:
+        """Close the file; after a write that failed, without the piece that came of it."""
+        if not self._disk.failed:
+            self._stream.close()
+            return
+        with suppress(OSError):  # what is buffered still cannot be written
+            self._stream.close()
+        with suppress(OSError):
+            os.truncate(self.path / self._account.name, self._safe)
 
     def __enter__(self) -> BagWriter:
         return self
@@ -129,10 +146,11 @@ class BagWriter:
 
 
 class _Disk:
-    """Turns a failing disk into one line that names the bag."""
+    """Turns a failing disk into one line that names the bag, and remembers that it failed."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.failed = False
 
     def __enter__(self) -> None:
         return None
@@ -144,6 +162,7 @@ class _Disk:
         trace: TracebackType | None,
     ) -> None:
         if isinstance(error, OSError):
+            self.failed = True
             raise BagError(f'{self.path}: cannot be written: {error.strerror}') from error
 
 
@@ -154,12 +173,25 @@ def write_whole(path: str | Path, text: str | bytes) -> None:
         OSError: it could not be written; what was there before is still there.
     """
     path = Path(path)
-    part = path.with_name(f'.{path.name}.{os.getpid()}.part')
+    write_together(path.parent, {path.name: text})
+
+
+def write_together(folder: Path, texts: Mapping[str, str | bytes]) -> None:
+    """Write files that belong together: none takes its place before all are on disk.
+
+    Raises:
+        OSError: one could not be written; what was there before is still there.
+    """
+    own = f'{os.getpid()}-{get_native_id()}'  # two requests may write to one folder at once
+    parts = {name: folder / f'.{name}.{own}.part' for name in texts}
     try:
-        with part.open('wb') as stream:
-            stream.write(text.encode() if isinstance(text, str) else text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        part.replace(path)
+        for name, text in texts.items():
+            with parts[name].open('wb') as stream:
+                stream.write(text.encode() if isinstance(text, str) else text)
+                stream.flush()
+                os.fsync(stream.fileno())
+        for name, part in parts.items():
+            part.replace(folder / name)
     finally:
-        part.unlink(missing_ok=True)
+        for part in parts.values():
+            part.unlink(missing_ok=True)

@@ -48,7 +48,7 @@ def _refuse_aliases_and_tags(text: str, source: str) -> None:
 class _Loader(yaml.SafeLoader):
     """YAML proper: of a key that is there twice, PyYAML takes the last without a word."""
 
-    def construct_scalar(self, node: yaml.ScalarNode) -> Any:
+    def construct_scalar(self, node: Any) -> Any:
         if len(node.value) > LONGEST_VALUE:
             problem = f'a value of {len(node.value)} characters'
             raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from calib_model.bag_writer import write_whole
+from calib_model.bag_writer import write_together
 from calib_model.correction import correction_yaml
 from calib_model.description import arm_yaml, probe_yaml
 from calib_model.errors import CalibrationError
@@ -99,8 +99,8 @@ def write_results(
     """Write `result.json`, `arm.yaml`, `probe.yaml`, `arm.urdf`, `report.html`, and
     `correction.yaml` where there is something beyond the D-H parameters.
 
-    Each is written whole or not at all; `report` is the page's text. A correction that an earlier
-    run left there is taken away: it belongs to another arm.yaml.
+    Each is written whole or not at all, and none before all are on disk; `report` is the page's
+    text. A correction that an earlier run left there is taken away: it belongs to another arm.yaml.
 
     Raises:
         CalibrationError: the folder or a file in it cannot be written.
@@ -117,10 +117,9 @@ def write_results(
         texts['correction.yaml'] = correction_yaml(done.correction)
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        write_together(folder, texts)
         if done.correction is None:
             (folder / 'correction.yaml').unlink(missing_ok=True)
-        for name, text in texts.items():
-            write_whole(folder / name, text)
     except OSError as error:
         raise CalibrationError(f'{folder}: results cannot be written: {error.strerror}') from error
     return [folder / name for name in texts]
