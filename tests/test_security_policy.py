@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import rclpy
+
 from calib_bringup.domains import held_domain
 from calib_bringup.processes import Child, Children, graph_environment
 
@@ -22,6 +23,8 @@ NODES = {
 ACTION_SERVICES = ('send_goal', 'cancel_goal', 'get_result')
 ACTION_TOPICS = ('feedback', 'status')
 Right = tuple[str, str, str]
+#: what capture offers last
+SERVED = 'actions', 'execute', 'capture/run'
 
 
 @pytest.fixture(scope='module')
@@ -50,7 +53,7 @@ def settled(watcher) -> dict[str, set[Right]]:
         now = {name: used(watcher, name) for name in NODES if name in watcher.get_node_names()}
         if now != last:
             last, since = now, time.monotonic()
-        complete = len(now) == len(NODES) and ('actions', 'execute', 'capture/run') in now['capture']
+        complete = len(now) == len(NODES) and SERVED in now['capture']
         if complete and time.monotonic() - since > 1.5:
             return now
         time.sleep(0.1)
