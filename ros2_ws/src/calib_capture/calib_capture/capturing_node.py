@@ -65,6 +65,7 @@ class Capturing:
         self._wait_for(node.missing_descriptions)
         if node.asked.mode == CONTINUOUS:
             return self._led()
+        node.commanding.refuse_rivals()
         program = self._plan()
         self._showing.program(program)
         for location, sphere in program.unreached:
@@ -76,8 +77,13 @@ class Capturing:
         if not left.poses and there.taken:
             return f'{node.asked.output}: complete with {there.taken} poses'
         node.listen()
-        self._wait_for(node.missing_streams)
-        return self._measure(left, there)
+        try:
+            node.commanding.take()
+            self._wait_for(node.missing_streams)
+            node.commanding.refuse_rivals()
+            return self._measure(left, there)
+        finally:
+            node.commanding.leave()
 
     def _wait_for(self, missing: Callable[[], str]) -> None:
         """Spin until nothing is missing."""
@@ -93,6 +99,7 @@ class Capturing:
                 told = now
                 self._watcher.say(f'waiting for {what}')
             self._executor.spin_once(timeout_sec=TICK)
+        self._node.check_origins()
 
     def _plan(self) -> Program:
         """The program, made beside the graph: whoever asks meanwhile gets an answer."""

@@ -5,8 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from inspect import Parameter, Signature
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from calib_interfaces.msg import ProbingPose, StylusDisplacements
 from rclpy.clock import Clock
@@ -18,13 +17,14 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from calib_capture.capture_parameters_node import CONTINUOUS, ParameterReader
+from calib_capture.commanding_node import Commanding, node_names
 from calib_capture.led import LedRun
 from calib_capture.led_note import LedNote
 from calib_capture.led_session import LedSession
 from calib_capture.messages import joint_trajectory, joints_of, qos_of, stamp_of
 from calib_capture.planner import Planner
 from calib_capture.program import Program
-from calib_capture.publishers import Origin, Publishers, several
+from calib_capture.publishers import Numbered, Origin, Publishers, several
 from calib_capture.recorder import Recorder
 from calib_capture.run import MeasuringRun, RunError
 from calib_capture.session import CaptureSession
@@ -64,6 +64,7 @@ class CaptureNode(Node):
         super().__init__('capture')
         self._origins = {JOINT_STATES: Publishers(), PROBE_DISPLACEMENTS: Publishers()}
         self._texts: dict[str, str] = {}
+        self._other_texts: set[str] = set()  # descriptions that contradict an earlier one
         self.asked = ParameterReader(self).read()
         self._session: CaptureSession | LedSession | None = None
         self._early: list[tuple[JointSample | Reading, bytes, Origin]] = []
@@ -73,9 +74,7 @@ class CaptureNode(Node):
         self.taught: dict[int, RigidTransform] = {}
         self.watch: Callable[[JointSample | Reading], None] | None = None
         self.failure: RunError | None = None
-        self._commands = self.create_publisher(
-            JointTrajectory, JOINT_TRAJECTORY.name, qos_of(JOINT_TRAJECTORY)
-        )
+        self.commanding = Commanding(self)
         self._poses = self.create_publisher(ProbingPose, CAPTURE_POSES.name, qos_of(CAPTURE_POSES))
         self._listen_for_descriptions()
         # of the wall's time, also where a bag's time rules: it stands still when nothing plays
@@ -88,7 +87,8 @@ class CaptureNode(Node):
 
     def _subscribe_description(self, key: str, topic: Topic) -> None:
         def keep(message: String) -> None:
-            self._texts.setdefault(key, message.data)
+            if self._texts.setdefault(key, message.data) != message.data:
+                self._other_texts.add(key)
 
         self.create_subscription(String, topic.name, keep, qos_of(topic))
 
@@ -140,7 +140,7 @@ class CaptureNode(Node):
         ):
             qos = qos_of(topic, best_effort=True)
             qos.depth = DEEP if self._led else qos.depth
-            self.create_subscription(kind, topic.name, _Numbered(take), qos, raw=True)
+            self.create_subscription(kind, topic.name, Numbered(take), qos, raw=True)
 
     def lost(self) -> str:
         """How many messages did not arrive since the session began; empty when all did."""
@@ -148,24 +148,31 @@ class CaptureNode(Node):
         return ', '.join(f'{count} of {name} lost' for name, count in counts.items() if count)
 
     def check_origins(self) -> None:
-        """Nothing, while each stream comes from one publisher.
+        """Nothing, while each stream comes from one publisher, and each description stays.
 
         Raises:
-            RunError: one comes from several; names their nodes.
+            RunError: one comes from several, or another description has come; names the nodes.
         """
         for topic, origin in self._origins.items():
             if origin.origin is Origin.SEVERAL:
                 origin.forget()  # the next goal finds out anew
-                found = self.get_publishers_info_by_topic(topic.name)
-                nodes = [f'{at.node_namespace.rstrip("/")}/{at.node_name}' for at in found]
-                raise RunError(several(topic.name, nodes))
+                raise RunError(several(topic.name, self._publishers_of(topic)))
+        for key in self._other_texts:
+            topic = DESCRIPTIONS[key]
+            raise RunError(
+                f'{topic.name}: another {key} than before is described there, by '
+                f'{self._publishers_of(topic)}; start the capture anew for it'
+            )
+
+    def _publishers_of(self, topic: Topic) -> str:
+        return node_names(self.get_publishers_info_by_topic(topic.name)) or 'nodes unknown'
 
     def missing_streams(self) -> str:
         """What of arm and probe has not shown itself yet; empty when both are there."""
         missing = []
         if not self._sampled:
             missing.append(f'{JOINT_STATES.name} with {", ".join(self._joint_names)}')
-        if not self._led and not self._commands.get_subscription_count():
+        if not self._led and not self.commanding.heard():
             missing.append(f'an arm that listens to {JOINT_TRAJECTORY.name}')
         if not self._read:
             missing.append(PROBE_DISPLACEMENTS.name)
@@ -218,12 +225,13 @@ class CaptureNode(Node):
             origin.lost = 0
 
     def end(self) -> None:
-        """Leave the session: what comes from now on is none of its business."""
+        """Leave the session and the arm: what comes from now on is none of its business."""
         self._session = None
+        self.commanding.leave()
 
     def stop_arm(self) -> None:
         """Let the arm forget the rest of its trajectory."""
-        self._commands.publish(JointTrajectory(joint_names=list(self._joint_names)))
+        self.commanding.send(JointTrajectory(joint_names=list(self._joint_names)))
 
     def _tick(self) -> None:
         if self._session is None or self.failure is not None:
@@ -235,7 +243,7 @@ class CaptureNode(Node):
             self.failure = error
 
     def _command(self, trajectory: Trajectory) -> None:
-        self._commands.publish(joint_trajectory(self._joint_names, trajectory))
+        self.commanding.send(joint_trajectory(self._joint_names, trajectory))
 
     def _announce(self, pose: bytes) -> None:
         self._poses.publish(pose)
@@ -280,22 +288,3 @@ class CaptureNode(Node):
             self._session.take_joints(message, raw)
         else:
             self._session.take_reading(message, raw)
-
-
-class _Numbered:
-    """A subscription's callback that gets the number its publisher gave to each message.
-
-    rclpy looks at the signature to see what a callback takes. Its executor of events passes
-    message and information as one tuple, the others as two arguments.
-    """
-
-    __signature__ = Signature(
-        [Parameter(name, Parameter.POSITIONAL_ONLY) for name in ('message', 'information')]
-    )
-
-    def __init__(self, take: Callable[[bytes, int | None], None]) -> None:
-        self._take = take
-
-    def __call__(self, *given: Any) -> None:
-        message, information = given[0] if len(given) == 1 else given
-        self._take(message, information['publication_sequence_number'])

@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable
 from enum import Enum
+from inspect import Parameter, Signature
+from typing import Any
 
 FALLS = 3  # of the numbers within
 WITHIN = 30.0  # s: more publishers than one; no driver is started anew so often
@@ -74,10 +76,28 @@ class Publishers:
         self.origin = Origin.ONE
 
 
-def several(topic: str, nodes: Sequence[str]) -> str:
+def several(topic: str, nodes: str) -> str:
     """The line that names a topic with several publishers, and the nodes that have one."""
-    named = ', '.join(sorted(nodes)) or 'nodes unknown'
     return (
-        f'{topic} comes from more than one publisher at a time ({named}): '
+        f'{topic} comes from more than one publisher at a time ({nodes}): '
         'no reading can be paired for sure; leave one of them running'
     )
+
+
+class Numbered:
+    """A subscription's callback that gets the number its publisher gave to each message.
+
+    rclpy looks at the signature to see what a callback takes. Its executor of events passes
+    message and information as one tuple, the others as two arguments.
+    """
+
+    __signature__ = Signature(
+        [Parameter(name, Parameter.POSITIONAL_ONLY) for name in ('message', 'information')]
+    )
+
+    def __init__(self, take: Callable[[bytes, int | None], None]) -> None:
+        self._take = take
+
+    def __call__(self, *given: Any) -> None:
+        message, information = given[0] if len(given) == 1 else given
+        self._take(message, information['publication_sequence_number'])

@@ -11,11 +11,15 @@ from calib_model.arm import Arm
 from calib_model.bag import write_descriptions
 from calib_model.bag_account import FileAccount
 from calib_model.bag_writer import BagWriter
+from calib_model.errors import BagError
+from calib_model.folder_lock import FolderLock
 from calib_model.gauge import Gauge
 from calib_model.pairing import SteadySettings
 from calib_model.pairing_note import NOTE, note_of
 from calib_model.probe import Probe
 from calib_model.topics import CAPTURE_POSES, Topic
+
+IN_USE = '{}: is being written by another capture'
 
 
 class Recorder:
@@ -34,11 +38,20 @@ class Recorder:
         self._announce = announce
         self._unsaved: list[bytes] = []
         self.path = Path(path)
-        self._bag = BagWriter(self.path, earlier=earlier)
-        if settings is not None:
-            self._bag.note(NOTE, note_of(settings))
-        write_descriptions(self._bag, arm, probe, gauge, time)
-        self._bag.flush()
+        self._lock = FolderLock(self.path)
+        if earlier and not self._lock.take():
+            raise BagError(IN_USE.format(self.path))
+        try:
+            self._bag = BagWriter(self.path, earlier=earlier)
+            if not earlier:
+                self._lock.take()  # ours: the writer made the folder
+            if settings is not None:
+                self._bag.note(NOTE, note_of(settings))
+            write_descriptions(self._bag, arm, probe, gauge, time)
+            self._bag.flush()
+        except BagError:
+            self._lock.release()
+            raise
 
     def raw(self, topic: Topic, data: bytes, time: int) -> None:
         """Record a message as it came, CDR bytes with their header, received at `time` (ns)."""
@@ -68,6 +81,7 @@ class Recorder:
             self.commit()
         finally:
             self._bag.close()
+            self._lock.release()
 
     def __enter__(self) -> Recorder:
         return self

@@ -10,12 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from calib_capture.program import PlannedPose, Program, SpherePlan
+from calib_capture.recorder import IN_USE
 from calib_model.arm import Arm
 from calib_model.bag import read_measurement
 from calib_model.bag_account import FileAccount
 from calib_model.bag_recovery import repair
 from calib_model.description import arm_yaml, gauge_yaml, probe_yaml
 from calib_model.errors import BagError
+from calib_model.folder_lock import FolderLock
 from calib_model.gauge import Gauge
 from calib_model.probe import Probe
 from calib_model.probing import ProbingSet
@@ -46,8 +48,9 @@ def begun(bag: str | Path, arm: Arm, probe: Probe, gauge: Gauge) -> Begun:
     """The capture in `bag`, its files made complete where they were cut.
 
     Raises:
-        BagError: the bag cannot be read, or holds another arm, probe or gauge.
+        BagError: the bag cannot be read, holds another arm, probe or gauge, or is being written.
     """
+    refuse_in_use(bag)
     # killed between making the folder and its first file
     if Path(bag).is_dir() and not any(Path(bag).iterdir()):
         Path(bag).rmdir()
@@ -65,6 +68,18 @@ def begun(bag: str | Path, arm: Arm, probe: Probe, gauge: Gauge) -> Begun:
         if ours != its:
             raise BagError(f'{bag}: was captured with another {what} description, not gone on with')
     return Begun(files, measured.poses, tuple(mended))
+
+
+def refuse_in_use(bag: str | Path) -> None:
+    """Nothing, when nobody is writing in that folder; what is being written must not be mended.
+
+    Raises:
+        BagError: somebody is.
+    """
+    lock = FolderLock(bag)
+    if Path(bag).is_dir() and not lock.take():
+        raise BagError(IN_USE.format(bag))
+    lock.release()
 
 
 def remaining(program: Program, poses: ProbingSet | None) -> Program:
