@@ -118,13 +118,20 @@ def bounded() -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
-def outcomes(kind: str, cases: int, work: Callable[[random.Random], Any]) -> tuple[int, int]:
+def refused_once(kind: str, work: Callable[[], Any]) -> bool:
+    """Whether this one case is refused in one line, as `outcomes` has it."""
+    return outcomes(kind, 1, lambda rng: work(), rounds=1) == (0, 1)
+
+
+def outcomes(
+    kind: str, cases: int, work: Callable[[random.Random], Any], rounds: int = ROUNDS
+) -> tuple[int, int]:
     """Do the work of so many cases; how many went well, and how many were refused in one line.
 
     Anything but a CalibrationError of one line is a failure that names the case.
     """
     well = refused = 0
-    for number in range(cases * ROUNDS):
+    for number in range(cases * rounds):
         begin = time.monotonic()
         try:
             with bounded():

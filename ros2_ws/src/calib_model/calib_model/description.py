@@ -181,7 +181,7 @@ def arm_yaml(arm: Arm) -> str:
         row: dict[str, Any] = {'name': joint.name}
         row |= {key: getattr(joint, key) for key in ('a', 'alpha', 'd', 'theta_0')}
         row |= {'beta': joint.beta, 'direction': joint.direction}
-        if np.isfinite(joint.limits).all():
+        if np.isfinite(joint.limits).any():
             row['limits'] = list(joint.limits)
         if np.isfinite(joint.velocity):
             row['velocity'] = joint.velocity
