@@ -154,7 +154,7 @@ class Finder:
         q = turned[0]
         if singular_margin(self._model, q, self._size) < self._reach.singular_margin:
             return none, SINGULAR
-        if contact := self._contact(q):
+        if contact := self.contact(q):
             return none, contact
         if self._reach.approach == 0:
             return none, ''
@@ -168,8 +168,8 @@ class Finder:
 
     def _met(self, path: Array) -> str:
         """What touches on the way back (S + 1, n), and from its end on the probed sphere too."""
-        contacts = (self._contact(posture) for posture in path[1:])
-        met = next((contact for contact in contacts if contact), '') or self._contact(
+        contacts = (self.contact(posture) for posture in path[1:])
+        met = next((contact for contact in contacts if contact), '') or self.contact(
             path[-1], seated=False
         )
         if met:
@@ -190,7 +190,8 @@ class Finder:
         between = self.ways.between(path[-1], goal)
         return None if between is None else np.vstack([path, between])
 
-    def _contact(self, q: Array, seated: bool = True) -> str:
+    def contact(self, q: Array, seated: bool = True) -> str:
+        """What touches in posture q (n,); `seated`: but for styli and probed sphere."""
         return self._collision.contact(q, seated) if self._collision is not None else ''
 
     def _within_limits(self, q: Array) -> Array:

@@ -22,6 +22,7 @@ from calib_capture.candidates import (
 from calib_capture.choice import Indices, Pool, Telling, choose, information_of
 from calib_capture.hands import Hands
 from calib_capture.program import (
+    Contacts,
     Expected,
     PlannedPose,
     Program,
@@ -109,7 +110,9 @@ class Planner:
         ]
         plans, visited = self._plans(places, drafts, picked, progress)
         kept = [rows[items] for rows, items in zip(chosen, visited, strict=True)]
-        return Program(plans, self._expected(pools, kept), self._router(places))
+        return Program(
+            plans, self._expected(pools, kept), self._router(places), self._contacts(places)
+        )
 
     def draft(self, T_base_gauge: RigidTransform, location: int, sphere: int) -> Draft:
         """The candidates of one sphere."""
@@ -232,6 +235,15 @@ class Planner:
             return self._finder.way_from(start, pose.approach[0])
 
         return way_to
+
+    def _contacts(self, places: Mapping[int, RigidTransform]) -> Contacts:
+        """What keeps the arm from getting away from where it stands."""
+
+        def touching(here: Array, pose: PlannedPose) -> str:
+            self._finder.put_gauge(places[pose.location], pose.sphere)
+            return self._finder.contact(here)
+
+        return touching
 
 
 def _refuse_out_of_reach(arm: Arm, location: int, drafts: Sequence[Draft]) -> None:

@@ -79,6 +79,7 @@ class PlannedPose:
 #: from a posture (n,) to a pose: what to go by (K, n) to where its approach begins, None when no
 #: free way is found
 Router = Callable[[Array, PlannedPose], Array | None]
+Contacts = Callable[[Array, PlannedPose], str]
 
 
 @dataclass(frozen=True)
@@ -121,11 +122,13 @@ class Program:
 
     `way_to` finds ways that the poses' own do not tell: from where the arm stands at first, after
     a pose was left out, to one that is tried again. None where the arm is to go straight.
+    `touching` says what touches in a posture (n,) before the gauge of a pose, '' for nothing.
     """
 
     spheres: tuple[SpherePlan, ...]
     expected: Expected | None = None
     way_to: Router | None = field(default=None, compare=False, repr=False)
+    touching: Contacts | None = field(default=None, compare=False, repr=False)
     poses: tuple[PlannedPose, ...] = field(init=False)
 
     def __post_init__(self) -> None:

@@ -96,7 +96,7 @@ class MeasuringRun:
     ) -> None:
         self.settings = settings
         self.tally = Tally(len(program.poses))
-        self._way_to = program.way_to
+        self._way_to, self._touching = program.way_to, program.touching
         self._spares = {(plan.location, plan.sphere): list(plan.spares) for plan in program.spheres}
         self._arm = arm
         self._todo = deque[tuple[PlannedPose, int]]((pose, 1) for pose in program.poses)
@@ -131,7 +131,7 @@ class MeasuringRun:
         while self._todo and left:
             pose, attempt = self._todo.popleft()
             if not self._go_to(leg, pose):
-                self._refuse(pose, NO_FREE_WAY)
+                self._refuse(pose, self._no_way(leg.here, pose))
                 continue
             self._open.append((pose, attempt))
             self._last = pose
@@ -181,6 +181,11 @@ class MeasuringRun:
         if len(pose.way) and np.abs(pose.way[0] - start).max() <= self.settings.tolerance:
             return pose.way[1:]
         return self._way_to(start, pose)
+
+    def _no_way(self, here: Array, pose: PlannedPose) -> str:
+        """Why no way leads to a pose: the arm may stand where the gauge is to be."""
+        touching = self._touching(here, pose) if self._touching is not None else ''
+        return f'{NO_FREE_WAY}, {touching} where the arm stands' if touching else NO_FREE_WAY
 
     def _step_aside(self, leg: Leg) -> None:
         """Where the arm stands at the next pose already: without it there would be no new stop."""
@@ -257,15 +262,27 @@ class MeasuringRun:
         Raises:
             RunError: nothing has come of any pose for too long.
         """
+        self.give_up(now)
+        for pose, attempt in reversed(self._open):
+            self._again(pose, attempt, NO_ANSWER)
+        self._open = []
+        self._sign_of_life = now
+
+    def give_up(self, now: float) -> None:
+        """Nothing, while there is hope.
+
+        Raises:
+            RunError: nothing has come of any pose for too long.
+        """
         if now - self._progress > self.settings.give_up:
             raise RunError(
                 f'no pose has been answered for {now - self._progress:.0f} s, giving up: '
                 f'{self.tally.line()} of {self.tally.planned}'
             )
-        for pose, attempt in reversed(self._open):
-            self._again(pose, attempt, NO_ANSWER)
-        self._open = []
-        self._sign_of_life = now
+
+    def excuse(self) -> None:
+        """What becomes of the open poses is not theirs to answer for: this attempt counts not."""
+        self._open = [(pose, 0) for pose, _ in self._open]
 
     def seconds_left(self, now: float) -> float:
         """An estimate from the pace so far, s."""

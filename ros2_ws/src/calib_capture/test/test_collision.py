@@ -232,6 +232,7 @@ def test_a_way_is_found_from_anywhere_the_arm_is_not_touching(kr5, probe, gauge,
     assert np.abs(way[1] - program.poses[0].approach[0]).max() < 1e-5
     touching = begins[smallest_clearance(kr5, made, begins, placements[2], None) < 0][0]
     assert program.way_to(touching, goal) is None
+    assert ' touches ' in program.touching(touching, goal)
 
 
 def test_an_approach_is_straight_along_the_probe_s_axis(kr5, probe, gauge, placements):

@@ -89,7 +89,9 @@ def test_an_arm_goes_by_the_way_that_was_found_free_or_by_one_found_anew(kr5):
         return PlannedPose(1, 1, here[0], np.zeros(3), here + 0.01, '', way, 0.02)
 
     poses = tuple(pose(i) for i in range(1, 5))
-    program = Program((SpherePlan(1, 1, poses, (), 4, 0),), None, way_to)
+    program = Program(
+        (SpherePlan(1, 1, poses, (), 4, 0),), None, way_to, lambda here, pose: 'arm touches rod'
+    )
     run = MeasuringRun(kr5, program, RunSettings(batch=4, approach_speed=0.05), 0.0)
     run.see(np.zeros(6), 0, 0.0)
     first = run.next_trajectory(0.0)
@@ -100,7 +102,7 @@ def test_an_arm_goes_by_the_way_that_was_found_free_or_by_one_found_anew(kr5):
     ])  # fmt: skip
     assert [pose for _, pose in asked] == [poses[0], poses[2], poses[3]]
     assert [start for start, _ in asked] == pytest.approx([0.0, 0.21, 0.21])
-    assert run.tally.refused == {'no free way': 1}
+    assert run.tally.refused == {'no free way, arm touches rod where the arm stands': 1}
     assert first.seconds[2] - first.seconds[1] == pytest.approx(0.02 / 0.05)
 
 
