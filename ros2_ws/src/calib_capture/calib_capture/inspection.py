@@ -28,11 +28,11 @@ def program_text(program: Program) -> list[str]:
             why = ', '.join(f'{reason} {n}' for reason, n in plan.reasons.items())
             lines.append(f'location {plan.location}: sphere {plan.sphere} is out of reach: {why}')
     if program.expected is not None:
-        before, after = program.expected.before * 1e3, program.expected.after * 1e3
+        after = program.expected.after * 1e3
         lines += [
             '',
-            f'expected standard uncertainty of a position in the workspace: {after:.4f} mm '
-            f'after calibration, {before:.3g} mm before',
+            'expected standard uncertainty of a position in the workspace after calibration: '
+            f'{after:.4f} mm',
         ]
     return lines
 

@@ -58,7 +58,7 @@ def test_the_text_names_spheres_out_of_reach_and_what_is_to_be_expected(program)
     text = '\n'.join(program_text(program))
     assert (3, 14) in program.unreached
     assert 'location 3: sphere 14 is out of reach' in text
-    assert f'{program.expected.after * 1e3:.4f} mm after calibration' in text
+    assert f'after calibration: {program.expected.after * 1e3:.4f} mm' in text
 
 
 def test_branches_of_one_hand_have_names_of_their_own(kr5, iiwa14):
