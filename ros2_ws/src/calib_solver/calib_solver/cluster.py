@@ -50,7 +50,7 @@ def connected(address: str, timeout: float = TIMEOUT) -> Iterator[Cluster]:
     try:
         get_address_host_port(address)
         client = Client(address, timeout=timeout, set_as_default=False)
-    except (OSError, TimeoutError, ValueError) as error:
+    except (OSError, TimeoutError, ValueError, TypeError, ImportError, RuntimeError) as error:
         raise CalibrationError(
             f'no Dask scheduler answers at {address} within {timeout:g} s: {error}'
         ) from error

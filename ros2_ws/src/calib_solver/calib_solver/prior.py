@@ -22,6 +22,11 @@ DEFAULT_STRENGTH = 2.0
 #: what `auto` lets cross-validation choose from
 CANDIDATES = (0.1, 1.0, 10.0, 100.0, 1000.0)
 
+#: beyond these the arithmetic has no digits left: --fix and none say it better
+LEAST_STRENGTH, MOST_STRENGTH = 1e-12, 1e12
+LEAST_SIGMA, MOST_SIGMA = 1e-9, 1e3  # m or rad
+STRENGTHS = f'expected zero or more: 0, or from {LEAST_STRENGTH:g} to {MOST_STRENGTH:g}'
+
 
 @dataclass(frozen=True)
 class Prior:
@@ -49,6 +54,11 @@ DEFAULT_PRIOR = Prior(DEFAULT_SIGMA)
 NO_PRIOR = Prior(DEFAULT_SIGMA, 0.0)
 
 
+def usable_strength(strength: float) -> bool:
+    """Whether a prior can be that strong."""
+    return strength == 0 or LEAST_STRENGTH <= strength <= MOST_STRENGTH
+
+
 def parse_prior(text: str, source: str = 'prior') -> Prior:
     """A prior from YAML text: `sigma: {a: 0.001, alpha: 0.002, ...}`, `strength: 2.0`.
 
@@ -66,13 +76,14 @@ def parse_prior(text: str, source: str = 'prior') -> Prior:
                 known = ', '.join(DEFAULT_SIGMA)
                 raise DescriptionError(source, f'sigma.{kind}', f'unknown kind (known: {known})')
             sigma[kind] = given.number(kind)
-            if not sigma[kind] > 0:
-                raise given.refuse(kind, 'expected a standard deviation above zero')
+            if not LEAST_SIGMA <= sigma[kind] <= MOST_SIGMA:
+                span = f'{LEAST_SIGMA:g} to {MOST_SIGMA:g}'
+                raise given.refuse(kind, f'expected a standard deviation above zero: {span}')
     if top.content.get('strength') == 'auto':
         return Prior(sigma, candidates=CANDIDATES)
     strength = top.number('strength', DEFAULT_STRENGTH)
-    if strength < 0:
-        raise top.refuse('strength', 'expected zero or more')
+    if not usable_strength(strength):
+        raise top.refuse('strength', STRENGTHS)
     return Prior(sigma, strength)
 
 
@@ -92,6 +103,6 @@ def chosen_prior(choice: str) -> Prior:
         strength = float(choice)
     except ValueError:
         return read_description(Path(choice), parse_prior)
-    if not (np.isfinite(strength) and strength >= 0):
-        raise DescriptionError('prior', choice, 'expected a strength of zero or more')
+    if not usable_strength(strength):
+        raise DescriptionError('prior', f'strength {choice}', STRENGTHS)
     return Prior(DEFAULT_SIGMA, strength)

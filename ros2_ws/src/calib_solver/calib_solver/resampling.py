@@ -37,6 +37,8 @@ from calib_solver.sums import accumulate
 #: with fewer locations there is nothing to draw
 FEWEST_LOCATIONS = 2
 
+MOST_REPETITIONS = 100_000  # hours of work, and their deviations still fit in memory
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -103,8 +105,10 @@ def refuse_plan(plan: Plan, locations: int, source: str) -> None:
             locations to draw from.
     """
     for name, count in (('monte-carlo', plan.monte_carlo), ('bootstrap', plan.bootstrap)):
-        if count < 0 or count == 1:
-            raise DataError(f'{name} {count}: expected 0, or 2 or more repetitions')
+        if count < 0 or count == 1 or count > MOST_REPETITIONS:
+            raise DataError(
+                f'{name} {count}: expected 0, or 2 or more repetitions, {MOST_REPETITIONS} at most'
+            )
     if plan.seed < 0:
         raise DataError(f'seed {plan.seed}: expected zero or more')
     if plan.bootstrap and locations < FEWEST_LOCATIONS:
