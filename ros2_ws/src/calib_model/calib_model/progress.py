@@ -38,10 +38,11 @@ class Progress:
         self._shown = now
         left = f', {_duration(seconds_left)} left' if math.isfinite(seconds_left) else ''
         if not self._bar:
-            line = f'{done} of {planned} {things or self._things}{left}, {where}'
+            count = f'{done} of {planned}' if done <= planned else f'{done}'  # led by hand: more
+            line = f'{count} {things or self._things}{left}, {where}'
             print(line, file=self._stream, flush=True)
             return
-        filled = BAR * done // max(planned, 1)
+        filled = min(BAR, BAR * done // max(planned, 1))
         bar = '#' * filled + '.' * (BAR - filled)
         print(f'\r[{bar}] {done}/{planned}{left}, {where}\x1b[K', end='', file=self._stream)
         self._stream.flush()

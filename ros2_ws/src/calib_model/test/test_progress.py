@@ -61,3 +61,11 @@ def test_paced_items_are_the_items(clock):
     assert seen == list('abcd')
     assert stream.getvalue() == '2 of 4 messages, 4 s left, pairing\n'
     assert list(paced([1, 2], None, 'pairing', 'messages')) == [1, 2]
+
+
+def test_more_than_was_to_be_had_is_no_share_of_it(clock):
+    for stream, said in ((io.StringIO(), '12 poses, sphere 1\n'), (Terminal(), '#] 12/10, sphere')):
+        clock[0] += 10.0
+        Progress(stream).show(12, 10, float('nan'), 'sphere 1', clock[0], 'poses')
+        assert said in stream.getvalue()
+        assert '#' * 31 not in stream.getvalue()
