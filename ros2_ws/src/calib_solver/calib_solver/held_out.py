@@ -5,10 +5,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from calib_model.errors import DataError
 from calib_model.probing import Measurement
 from calib_solver.identification import Identification
 from calib_solver.problem import Problem
 from calib_solver.quality import Quality, assess
+
+
+def refuse_other_instruments(measured: Measurement, first: Measurement) -> None:
+    """Nothing, when both were measured with one arm and one kind of probe.
+
+    Raises:
+        DataError: they were not.
+    """
+    if measured.arm.joint_names != first.arm.joint_names:
+        raise DataError(f'{measured.source}: other joints than in {first.source}')
+    if measured.probe.kind != first.probe.kind:
+        raise DataError(
+            f'{measured.source}: {measured.probe.kind} probe, '
+            f'but {first.source} is {first.probe.kind}'
+        )
 
 
 @dataclass(frozen=True)
@@ -26,10 +42,12 @@ class HeldOut:
         `corrected` is with the correction of eq. 12 too, where there is one.
 
         Raises:
-            DataError: a pose does not fit the arm, the probe or the gauge.
+            DataError: a pose does not fit the arm, the probe or the gauge, or it was measured
+                with another arm or kind of probe.
         """
-        problem = Problem.of(measured)
         nominal = done.problem.measured
+        refuse_other_instruments(measured, nominal)
+        problem = Problem.of(measured)
         corrected = done.corrected is not None
         return cls(
             problem,

@@ -22,7 +22,7 @@ from calib_model.progress import Pace, Progress
 from calib_model.raw_measurement import Instruments, RawChoice
 from calib_solver.cluster import connected
 from calib_solver.compiled import threads
-from calib_solver.held_out import HeldOut
+from calib_solver.held_out import HeldOut, refuse_other_instruments
 from calib_solver.identification import Identification, Options, identify
 from calib_solver.parallel import Spread, in_processes
 from calib_solver.problem import Problem
@@ -138,12 +138,7 @@ def _joined(parts: Sequence[Measurement]) -> tuple[Measurement, list[int]]:
     used: set[int] = set()
     shifts: list[int] = []
     for part in parts:
-        if part.arm.joint_names != first.arm.joint_names:
-            raise DataError(f'{part.source}: other joints than in {first.source}')
-        if part.probe.kind != first.probe.kind:
-            raise DataError(
-                f'{part.source}: {part.probe.kind} probe, but {first.source} is {first.probe.kind}'
-            )
+        refuse_other_instruments(part, first)
         if not np.array_equal(part.arm.geometry, first.arm.geometry):
             raise DataError(f'{part.source}: other nominal parameters than in {first.source}')
         if part.gauge != first.gauge:

@@ -267,6 +267,18 @@ def test_bags_of_other_joints_or_another_gauge_do_not_go_together(bags, tmp_path
             load(Sources((str(bags / 'seen'), str(tmp_path / other))))
 
 
+def test_what_is_held_out_is_of_the_same_arm_and_kind_of_probe(bags, tmp_path, active_scene):
+    measured, seated = active_scene.measured, simulate(kr5(), passive(), 3, poses=4).measured
+    renamed = tuple(replace(j, name=f'x_{j.name}') for j in measured.arm.joints)
+    other = replace(measured, arm=replace(measured.arm, joints=renamed))
+    for name, part, said in (('arm', other, 'other joints'), ('probe', seated, 'passive probe')):
+        write_measurement(tmp_path / name, part)
+        with pytest.raises(DataError, match=f'{said}.*seen'):
+            seen = Sources((str(bags / 'seen'),))
+            calibrate(seen, Options(), [str(tmp_path / name)], str(tmp_path / 'out'))
+    assert not (tmp_path / 'out').exists()
+
+
 def test_fit_probe_writes_a_probe_that_repeats_better(tmp_path):
     scene = simulate(kr5(), active(), 71, locations=2, poses=12)
     measured = replace(scene.measured, arm=scene.true)
