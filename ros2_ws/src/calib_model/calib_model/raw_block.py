@@ -108,7 +108,7 @@ class _Reading:
             raise ValueError(f'not a {self.kind}: too short')
         (value,) = struct.unpack_from('<I', self.data, self.at)
         if value > most:
-            raise ValueError(f'not a {self.kind}: {value} of what is {most} at most')
+            raise ValueError(f'not a {self.kind}: a length of {value}, expected {most} at most')
         self.fixed += range(self.at, self.at + 4)
         self.at += 4
         return int(value)
