@@ -25,6 +25,7 @@ from calib_capture.measuring_node import CaptureNode
 from calib_capture.serving_node import CaptureServer
 from calib_capture.session import CaptureSession
 from calib_capture.showing_node import Showing
+from calib_capture.teach import TaughtBook
 from calib_model.command import run_command
 from calib_model.errors import ParameterError
 from calib_model.progress import Progress
@@ -64,6 +65,7 @@ def _run_once(node: CaptureNode, executor: Executor, stop: _Stop) -> int:
     """One run of the command, with a progress bar."""
     progress, showing = Progress(), Showing(node)
     node.add_on_set_parameters_callback(_too_late)
+    node.taught.update(TaughtBook(node.asked.taught).read())
 
     def show(session: CaptureSession | LedSession) -> None:
         tally, current, now = session.tally, session.run.current, time.monotonic()

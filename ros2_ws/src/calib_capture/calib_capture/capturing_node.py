@@ -51,6 +51,7 @@ class Capturing:
         self._watcher = watcher
         self._showing = showing
         self.tally: Tally | LedTally = Tally(0)
+        self._told = 0.0
 
     def __call__(self) -> str:
         """Do it; returns the summary.
@@ -101,6 +102,13 @@ class Capturing:
             self._executor.spin_once(timeout_sec=TICK)
         self._node.check_origins()
 
+    def _remind(self) -> None:
+        """Say now and then which stream has gone silent."""
+        now = time.monotonic()
+        if now - self._told > REMINDER and (what := self._node.silent()):
+            self._told = now
+            self._watcher.say(f'waiting for {what}')
+
     def _plan(self) -> Program:
         """The program, made beside the graph: whoever asks meanwhile gets an answer."""
         node = self._node
@@ -132,6 +140,7 @@ class Capturing:
             with session.recorder:
                 while not (session.finished or stopped or node.failure):
                     self._executor.spin_once(timeout_sec=TICK)
+                    self._remind()
                     self._watcher.show(session)
                     self._showing.progress(session)
                     stopped = self._watcher.stopped()
@@ -159,6 +168,7 @@ class Capturing:
             with session.recorder:
                 while not (session.finished or node.failure or self._watcher.stopped()):
                     self._executor.spin_once(timeout_sec=TICK)
+                    self._remind()
                     self._watcher.show(session)
                 session.finish()
         finally:
@@ -187,7 +197,8 @@ class Capturing:
         if stopped:
             raise Stopped(summary)
         if failure:
-            raise RunError(f'{output}: {failure}')
+            silent = self._node.silent()
+            raise RunError(f'{output}: {failure}' + (f'; waited for {silent}' if silent else ''))
         if not self.tally.taken + there.taken:
             raise RunError(f'{output}: no pose was taken: {self.tally.line()}{remarks}')
         return summary

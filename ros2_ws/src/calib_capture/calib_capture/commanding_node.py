@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import time
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from rclpy.duration import Duration
@@ -17,6 +18,8 @@ from calib_model.topics import CAPTURE_POSES, JOINT_TRAJECTORY
 
 PARTICIPANT = 12  # bytes of a gid that all of one process share
 LAST_WORDS = 0.5  # s for the arm to acknowledge the last command
+NAMED_WITHIN = 1.0  # s until all are known
+UNKNOWN = 'NODE_NAME_UNKNOWN'
 
 
 class Commanding:
@@ -33,11 +36,10 @@ class Commanding:
         Raises:
             RunError: another capture commands the arm; names its node.
         """
-        found = [at for at in self._of_captures() if not self._own or _gid(at) < self._own]
-        if found:
+        if self._rivals():
             raise RunError(
                 f'{JOINT_TRAJECTORY.name}: another capture commands the arm '
-                f'({node_names(found)}): start when it is done'
+                f'({node_names(self._rivals)}): start when it is done'
             )
 
     def take(self) -> None:
@@ -74,18 +76,27 @@ class Commanding:
     def _published(self) -> list[Any]:
         return list(self._node.get_publishers_info_by_topic(JOINT_TRAJECTORY.name))
 
-    def _of_captures(self) -> list[Any]:
+    def _rivals(self) -> list[Any]:
         poses = self._node.get_publishers_info_by_topic(CAPTURE_POSES.name)
         captures = {_gid(at)[:PARTICIPANT] for at in poses}
         return [
             at for at in self._published()
-            if _gid(at) != self._own and _gid(at)[:PARTICIPANT] in captures
+            if (not self._own or _gid(at) < self._own) and _gid(at)[:PARTICIPANT] in captures
         ]  # fmt: skip
 
 
-def node_names(found: Iterable[Any]) -> str:
-    """The nodes of endpoints, as they are called."""
-    return ', '.join(sorted(f'{at.node_namespace.rstrip("/")}/{at.node_name}' for at in found))
+def node_names(find: Callable[[], Iterable[Any]]) -> str:
+    """The nodes of the endpoints that `find` returns, as they are called.
+
+    An endpoint may be known a moment before its node's name is.
+    """
+    end = time.monotonic() + NAMED_WITHIN
+    while True:
+        found = [at for at in find() if UNKNOWN not in at.node_name]
+        if found and len(found) == len(list(find())) or time.monotonic() > end:
+            names = (f'{at.node_namespace.rstrip("/")}/{at.node_name}' for at in found)
+            return ', '.join(sorted(names)) or 'nodes unknown'
+        time.sleep(0.02)
 
 
 def _gid(endpoint: Any) -> tuple[int, ...]:

@@ -48,6 +48,7 @@ from calib_model.topics import (
 
 T = TypeVar('T')
 TICK = 0.02  # s
+SILENT = 2.0  # s without a message after which one is waited for
 DEEP = 5000  # messages of a led arm that wait while a disk is slow: it does not stop for us
 DESCRIPTIONS = {'arm': ARM_DESCRIPTION, 'probe': PROBE_DESCRIPTION, 'gauge': GAUGE_DESCRIPTION}
 
@@ -64,6 +65,7 @@ class CaptureNode(Node):
         super().__init__('capture')
         self._origins = {JOINT_STATES: Publishers(), PROBE_DISPLACEMENTS: Publishers()}
         self._texts: dict[str, str] = {}
+        self._heard = dict.fromkeys(self._origins, 0.0)
         self._other_texts: set[str] = set()  # descriptions that contradict an earlier one
         self.asked = ParameterReader(self).read()
         self._session: CaptureSession | LedSession | None = None
@@ -142,6 +144,14 @@ class CaptureNode(Node):
             qos.depth = DEEP if self._led else qos.depth
             self.create_subscription(kind, topic.name, Numbered(take), qos, raw=True)
 
+    def silent(self) -> str:
+        """The streams from which nothing comes any more, and since when; empty when all do."""
+        now = time.monotonic()
+        return ', '.join(
+            f'{topic.name}, silent for {now - heard:.0f} s'
+            for topic, heard in self._heard.items() if now - heard > SILENT
+        )  # fmt: skip
+
     def lost(self) -> str:
         """How many messages did not arrive since the session began; empty when all did."""
         counts = {topic.name: origin.lost for topic, origin in self._origins.items()}
@@ -165,7 +175,7 @@ class CaptureNode(Node):
             )
 
     def _publishers_of(self, topic: Topic) -> str:
-        return node_names(self.get_publishers_info_by_topic(topic.name)) or 'nodes unknown'
+        return node_names(lambda: self.get_publishers_info_by_topic(topic.name))
 
     def missing_streams(self) -> str:
         """What of arm and probe has not shown itself yet; empty when both are there."""
@@ -256,7 +266,7 @@ class CaptureNode(Node):
             return
         origin = self._origins[JOINT_STATES].see(number, time.monotonic())
         sample = JointSample(stamp_of(state.header), joints)
-        self._sampled = True
+        self._sampled, self._heard[JOINT_STATES] = True, time.monotonic()
         if self.watch is not None and origin is Origin.ONE:
             self.watch(sample)
         if self._session is not None:
@@ -265,7 +275,7 @@ class CaptureNode(Node):
             self._early.append((sample, raw, origin))
 
     def _on_reading(self, raw: bytes, number: int | None) -> None:
-        self._read = True
+        self._read, self._heard[PROBE_DISPLACEMENTS] = True, time.monotonic()
         origin = self._origins[PROBE_DISPLACEMENTS].see(number, time.monotonic())
         if self._session is None and self.watch is None and not self._led:
             return

@@ -17,6 +17,7 @@ from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS, Topic
 Clock = Callable[[], float]
 BACK = 'stamps of the joints began anew: {}'
 UNSURE = '{} messages not paired around a publisher started anew'
+STALE = 1.0  # s without a message of one stream: it is waited for, the arm told nothing
 SAVE_WITHIN = 0.02  # s: accepted poses that come closer together share a flush
 
 
@@ -42,6 +43,7 @@ class CaptureSession:
         self._unsaved_since: float | None = None
         self._estimate = estimate
         self._newest = [0, 0]
+        self._fresh = [clock(), clock()]
         self._clock_line = ''
         self.unsure = 0  # messages that came while nobody knew from whom
         self.outcomes: list[Outcome] = []  # accepted poses and refusals so far, to be shown
@@ -59,7 +61,7 @@ class CaptureSession:
     def take_joints(self, sample: JointSample, raw: bytes) -> None:
         """A joint state has come; `raw` are its CDR bytes."""
         self.recorder.raw(JOINT_STATES, raw, self._wall())
-        self._newest[0] = sample.stamp
+        self._newest[0], self._fresh[0] = sample.stamp, self._clock()
         if self._estimate is not None:
             self._estimate.see_joints(sample)
         self.run.see(sample.joints, sample.stamp, self._clock())
@@ -68,7 +70,7 @@ class CaptureSession:
     def take_reading(self, reading: Reading, raw: bytes) -> None:
         """A probe reading has come; `raw` are its CDR bytes."""
         self.recorder.raw(PROBE_DISPLACEMENTS, raw, self._wall())
-        self._newest[1] = reading.stamp
+        self._newest[1], self._fresh[1] = reading.stamp, self._clock()
         if self._estimate is not None:
             self._estimate.see_reading(reading)
         self._go_on(self.pairing.add_reading(reading))
@@ -78,6 +80,7 @@ class CaptureSession:
         self.recorder.raw(topic, raw, self._wall())
         self.unsure += 1
         self.pairing.doubt()
+        self.run.excuse()
 
     def tick(self) -> None:
         """Do what is due without a message: save, give up waiting, command.
@@ -86,9 +89,12 @@ class CaptureSession:
             RunError: nothing has come of any pose for too long.
         """
         now = self._clock()
+        if self._stale():
+            self.run.excuse()
+            self._named(self.run.give_up, now)
         if self.run.overdue(now):
             self._take(self.pairing.finish())
-            self._close_batch(now)
+            self._named(self.run.close_batch, now)
         self._save()
         self._go_on([])
 
@@ -110,15 +116,19 @@ class CaptureSession:
         parts += [UNSURE.format(self.unsure)] if self.unsure else []
         return '; '.join([*parts, self._clock_line] if self._clock_line else parts)
 
-    def _close_batch(self, now: float) -> None:
+    def _stale(self) -> bool:
+        return self._clock() - min(self._fresh) > STALE
+
+    def _named(self, work: Callable[[float], None], now: float) -> None:
+        """Do it; what is raised says how far the clocks are apart."""
         try:
-            self.run.close_batch(now)
+            work(now)
         except RunError as error:
             raise RunError(f'{error}{apart(*self._newest)}') from error
 
     def _go_on(self, outcomes: list[Outcome]) -> None:
         self._take(outcomes)
-        trajectory = self.run.next_trajectory(self._clock())
+        trajectory = None if self._stale() else self.run.next_trajectory(self._clock())
         if trajectory is not None:
             self._command(trajectory)
         waited = self._unsaved_since is not None and self._clock() - self._unsaved_since
