@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The commands that README and docs show, and the files that a user is taken to have."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import takewhile
+from pathlib import Path
+
+import numpy as np
+from rosbags.rosbag2 import StoragePlugin, Writer
+from scipy.optimize import least_squares
+
+from calib_capture.import_csv import import_csv
+from calib_model import cdr
+from calib_model.arm import Arm
+from calib_model.bag_reader import read_messages
+from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
+from calib_model.kinematics import points
+from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
+from calib_model.urdf import arm_urdf
+
+ROOT = Path(__file__).resolve().parent.parent
+CONFIG = ROOT / 'ros2_ws' / 'src' / 'calib_bringup' / 'config'
+FENCE = re.compile(r'^ *```(\w*)\s*$')
+SHELL = ('', 'bash', 'sh', 'console')
+#: what a line of a shell begins with; blocks that begin otherwise are tables and drawings
+WORDS = {
+    'ros2', 'make', 'source', 'python', 'python3', 'pip', 'export', 'colcon', 'git', 'cp', 'mkdir',
+    'ls', 'cat', 'head', 'dask', 'rviz2', 'sudo', 'apt', 'curl', 'cd', 'printf', 'echo', 'docker',
+}  # fmt: skip
+DATA = ('bags', 'docs', 'studies', 'tools', 'ros2_ws', 'env.bash', 'Makefile', '.venv',
+        'pyproject.toml', 'benchmarks', 'tests', 'requirements.txt')  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Command:
+    """A line of a shell, continuations joined, and where it is written."""
+
+    text: str
+    place: str
+
+
+def documents() -> list[Path]:
+    """README and all of docs."""
+    return [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))]
+
+
+def fenced(document: Path) -> Iterator[tuple[str, list[tuple[int, str]]]]:
+    """Language and numbered lines of each fenced block."""
+    lines = iter(enumerate(document.read_text(encoding='utf-8').splitlines(), 1))
+    for _, line in lines:
+        begin = FENCE.match(line)
+        if begin:
+            inside = takewhile(lambda each: not FENCE.match(each[1]), lines)
+            yield begin[1], list(inside)
+
+
+def command_blocks(document: Path) -> list[list[Command]]:
+    """The commands of each block that is a shell's."""
+    found = []
+    for language, lines in fenced(document):
+        said = [(number, text.strip()) for number, text in lines]
+        said = [(number, text) for number, text in said if text and not text.startswith('#')]
+        if language in SHELL and said and said[0][1].split()[0] in WORDS:
+            found.append(list(_joined(document, said)))
+        else:
+            lost = [text for _, text in said if text.startswith(('ros2 ', 'make '))]
+            assert not lost, f'{document.name}: a command in a block that is no shell: {lost[0]}'
+    return found
+
+
+def _joined(document: Path, lines: Sequence[tuple[int, str]]) -> Iterator[Command]:
+    begun, first = '', 0
+    for number, text in lines:
+        first = first if begun else number
+        begun += text.removesuffix('\\')
+        if not text.endswith('\\'):
+            assert begun.split()[0] in WORDS, f'{document.name}:{first}: no known command: {begun}'
+            yield Command(begun, f'{document.relative_to(ROOT)}:{first}')
+            begun = ''
+
+
+def python_blocks(document: Path) -> list[str]:
+    """Blocks of Python."""
+    return ['\n'.join(text for _, text in lines) for language, lines in fenced(document)
+            if language == 'python']  # fmt: skip
+
+
+def furnish(folder: Path) -> None:
+    """A working folder as a user of the clone has it, with the files of his own robot."""
+    for name in DATA:
+        (folder / name).symlink_to(ROOT / name)
+    arm = read_description(CONFIG / 'arms/kuka_kr5_sixx_r650.yaml', parse_arm)
+    (folder / 'my_robot.urdf').write_text(arm_urdf(arm), encoding='utf-8')
+    for ours, theirs in (
+        ('probes/active_trihedron.yaml', 'probe.yaml'), ('gauges/ball_bar_kr5.yaml', 'gauge.yaml'),
+        ('arms/kuka_lbr_iiwa14.yaml', 'ARM.yaml'), ('probes/seated_ball_iiwa14.yaml', 'PROBE.yaml'),
+        ('gauges/two_sockets.yaml', 'GAUGE.yaml'), ('locations/kr5.yaml', 'placements.yaml'),
+        ('bodies/kr5.yaml', 'bodies.yaml'), ('links/kuka_kr5_sixx_r650.yaml', 'links.yaml'),
+    ):  # fmt: skip
+        shutil.copy(CONFIG / ours, folder / theirs)
+    (folder / 'targets.csv').write_text('x,y,z\n0.45,0.10,0.50\n0.50,-0.10,0.40\n')
+    raw_bag(ROOT / 'bags/demo/identification', folder / 'my_bag')
+    raw_bag(ROOT / 'bags/demo/held_out', folder / 'my_held_out')
+    seated_tables(folder)
+    for name in ('raised_left', 'left_back'):  # of the three, README imports only the first
+        import_csv(folder / f'{name}.csv', folder / 'bag' / name,
+                   *(folder / f'{each}.yaml' for each in ('ARM', 'PROBE', 'GAUGE')))  # fmt: skip
+
+
+def raw_bag(ours: Path, theirs: Path) -> None:
+    """The two raw topics of a bag as rosbags writes them."""
+    topics = {JOINT_STATES.name: JOINT_STATES.type,
+              PROBE_DISPLACEMENTS.name: PROBE_DISPLACEMENTS.type}  # fmt: skip
+    store = cdr.typestore()
+    with Writer(theirs, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        channel = {name: writer.add_connection(name, kind, typestore=store)
+                   for name, kind in topics.items()}  # fmt: skip
+        for message in read_messages(ours, set(topics)):
+            writer.write(channel[message.topic], message.log_time, message.data)
+
+
+def seated_tables(folder: Path) -> None:
+    """`front.csv`, `raised_left.csv` and `left_back.csv`: an LBR iiwa 14 seated in two sockets."""
+    arm = read_description(folder / 'ARM.yaml', parse_arm)
+    probe = read_description(folder / 'PROBE.yaml', parse_probe)
+    gauge = read_description(folder / 'GAUGE.yaml', parse_gauge)
+    seat = probe.flange_T_probe.apply(probe.center)
+    generator = np.random.default_rng(1)
+    for name, place in (
+        ('front', (0.6, 0.0, 0.1)), ('raised_left', (0.3, 0.5, 0.4)),
+        ('left_back', (-0.2, 0.6, 0.2)),
+    ):  # fmt: skip
+        rows = [
+            f'1,{number},' + ','.join(f'{angle:.9f}' for angle in posture)
+            for number in gauge.numbers
+            for posture in _seated(arm, seat, np.add(place, gauge.center(number)), generator)
+        ]
+        head = 'location,sphere,' + ','.join(f'q{i + 1}' for i in range(arm.n))
+        (folder / f'{name}.csv').write_text('\n'.join([head, *rows]) + '\n')
+
+
+def _seated(
+    arm: Arm, seat: np.ndarray, goal: np.ndarray, generator: np.random.Generator, count: int = 12
+) -> list[np.ndarray]:
+    """Postures near which the seat is at the goal, their joints off by 1e-4 rad."""
+    found = []
+    while len(found) < count:
+        start = generator.uniform(-1.5, 1.5, arm.n)
+        solved = least_squares(
+            lambda q: points(arm, q[None], seat)[0] - goal, start, bounds=arm.limits.T
+        )
+        if solved.cost < 1e-16:
+            found.append(solved.x + generator.normal(0.0, 1e-4, arm.n))
+    return found
