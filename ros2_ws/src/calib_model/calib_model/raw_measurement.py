@@ -107,7 +107,8 @@ def sort_bag(
         lines.append(f'{unusable} poses left out: readings that no sphere of the gauge gives')
     if not poses:
         why = f'{paired.stops} stops and {paired.contacts} contacts'
-        raise BagError(f'{path}: no pose comes of its {why} with good readings')
+        reasons = f'; stops refused: {paired.reasons}' if paired.refused else ''
+        raise BagError(f'{path}: no pose comes of its {why} with good readings{reasons}')
     certificate = Certificate(gauge, choice.spheres)
     grouping = Grouping(p_base, certificate)
     grouped = grouping.run()

@@ -30,6 +30,7 @@ FINE = 0.05  # s between joint states up to which the way between them is known
 PER_CONTACT = 1000  # poses of one contact at most: more of the same say nothing new
 PER_STOP = 1.0  # rad in contact for every stop: more of a way is worth more than its stops
 CANDIDATES = 0.01  # s between readings that are looked at
+STANDING = 0.05  # s across which an arm in contact is seen to stand: noise of encoders is no speed
 
 
 @dataclass(frozen=True)
@@ -42,17 +43,24 @@ class Paired:
     way: float
     contacts: int
     refused: Counter[str] = field(default_factory=Counter)
+    held: bool = False  # each the mean of a contact, not of the moment after the arm stopped
 
     def lines(self) -> list[str]:
         """What was done, in words."""
-        how = 'stops for each' if self.standing else 'is led around the spheres in contact'
+        how = 'is led around the spheres in contact'
+        if self.standing:
+            how = 'stands in contact for each' if self.held else 'stops for each'
         lines = [f'{len(self.poses)} poses of an arm that {how}']
         if self.contacts:
             lines[0] += f' ({self.stops} stops, {self.way:.0f} rad of way in contact)'
-        if self.standing and self.refused:
-            why = ', '.join(f'{count} {reason}' for reason, count in self.refused.most_common())
-            lines.append(f'{sum(self.refused.values())} stops gave no pose: {why}')
+        if self.standing and self.refused and not self.held:
+            lines.append(f'{sum(self.refused.values())} stops gave no pose: {self.reasons}')
         return lines
+
+    @property
+    def reasons(self) -> str:
+        """Why stops gave no pose, the most frequent first."""
+        return ', '.join(f'{count} {reason}' for reason, count in self.refused.most_common())
 
 
 def pair_streams(
@@ -61,19 +69,27 @@ def pair_streams(
     """The poses of both streams; `standing` None lets the data say how they were taken.
 
     An arm that is led goes a long way in contact for every stop that it makes there; one that
-    stops for each pose touches the sphere shortly before and after.
+    stops for each pose touches the sphere shortly before and after. Where the moment after a stop
+    is too early for most (slow readings, a probe that comes into contact by itself), the readings
+    of a contact in which the arm stands are one pose.
     """
     outcomes = list(standing_outcomes(streams, settings))
     still = tuple(each for each in outcomes if isinstance(each, SteadyPose))
     refused = Counter(each.reason.value for each in outcomes if isinstance(each, Refusal))
     contacts = list(_contacts(streams))
     way = sum(float(contact.way[-1]) for contact in contacts)
+    held: tuple[SteadyPose, ...] = ()
+    if standing is not False:
+        means = (_held(streams, contact, settings) for contact in contacts)
+        held = tuple(pose for pose in means if pose is not None)
+    if 2 * len(still) >= len(held):
+        held = ()
     if standing is None:
-        standing = way <= PER_STOP * len(still)
-    poses = still
+        standing = way <= PER_STOP * max(len(still), len(held))
+    poses = held or still
     if not standing:
         poses = tuple(pose for contact in contacts for pose in _led(streams, contact))
-    return Paired(poses, standing, len(still), way, len(contacts), refused)
+    return Paired(poses, standing, len(still), way, len(contacts), refused, bool(held))
 
 
 def standing_outcomes(streams: RawStreams, settings: SteadySettings) -> Iterator[Outcome]:
@@ -157,6 +173,34 @@ def _thinned(t: NDArray[np.int64], rows: NDArray[np.int64]) -> NDArray[np.int64]
         return rows
     slot = (t[rows] - t[rows[0]]) // round(CANDIDATES * SECOND)
     return rows[np.unique(slot, return_index=True)[1]]
+
+
+def _held(
+    streams: RawStreams, contact: _Contact, settings: SteadySettings
+) -> SteadyPose | None:
+    """The mean of the longest stretch of a contact in which the arm stands and the styli rest."""
+    if contact.way[-1] > PER_STOP:
+        return None
+    t = streams.reading_stamp[contact.rows]
+    count = len(t)
+    later = np.clip(np.searchsorted(t, t + round(STANDING * SECOND)), None, count - 1)
+    turned = np.abs(contact.joints[later] - contact.joints).max(axis=1)
+    still = turned <= settings.max_speed * np.maximum(t[later] - t, 1) / SECOND
+    runs = _runs(still[:-1])
+    if not runs:
+        return None
+    first, last = max(runs, key=lambda run: int(t[run[1]] - t[run[0]]))
+    part = slice(first, last + 1)
+    rows = contact.rows[part]
+    readings = streams.displacement[rows]
+    if len(rows) < settings.min_readings or not np.isfinite(readings).all():
+        return None
+    # of many readings the two farthest apart say more of their noise than of their drift
+    if np.ptp(np.quantile(readings, [0.1, 0.9], axis=0), axis=0).max() > settings.max_spread:
+        return None
+    middle = int(t[first] + np.mean(t[part] - t[first]))
+    joints = contact.joints[part].mean(axis=0)
+    return SteadyPose(middle, frozen(joints), frozen(readings.mean(axis=0)), len(rows))
 
 
 def _led(streams: RawStreams, contact: _Contact) -> list[SteadyPose]:

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Raw streams as arrays give the poses that they give message by message."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -103,3 +105,21 @@ def test_a_contact_is_not_followed_across_a_gap_in_the_joint_states():
     seconds = [(pose.stamp - T0) / SECOND for pose in pair_streams(holed, STEADY).poses]
     assert seconds
     assert not [second for second in seconds if 1.2 < second < 2.795]
+
+
+def test_contacts_that_come_well_after_the_stop_are_poses_too():
+    """Slow readings, and a probe that is in contact only 60 ms after the arm has stopped."""
+    stop = [(0.5, 0.5, 1), (0.06, 0.0, 1), (0.4, 0.0, 0), (0.05, 0.0, 1)]
+    streams = streams_of([*stop * 6, (0.1, 0.5, 1)], joint_period=0.01, read_period=0.02)
+    noise = np.random.default_rng(1).normal(0, 2e-6, streams.joints.shape)
+    streams = replace(streams, joints=streams.joints + noise)
+    found = pair_streams(streams, SteadySettings())
+    assert (found.standing, len(found.poses)) == (True, 6)
+    assert found.stops <= 1  # none but by chance
+    assert 'stands in contact for each' in found.lines()[0]
+    for number, pose in enumerate(found.poses, start=1):
+        assert pose.joints[0] == pytest.approx(0.25 * number, abs=5e-6)
+        assert pose.displacement == pytest.approx(1e-3, abs=2e-6)
+        assert pose.readings >= 10
+    drifting = streams.displacement + np.linspace(0, 0.1, len(streams.displacement))[:, None]
+    assert not pair_streams(replace(streams, displacement=drifting), SteadySettings(), True).poses
