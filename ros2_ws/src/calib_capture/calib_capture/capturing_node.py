@@ -185,7 +185,8 @@ class Capturing:
         placements = self._node.placements
         for number in asked.locations:
             if number not in placements:
-                raise RunError(f'location {number} has no place: there are {sorted(placements)}')
+                known = ', '.join(map(str, sorted(placements)))
+                raise RunError(f'location {number} has no place (known: {known})')
         chosen = {number: placements[number] for number in asked.locations or sorted(placements)}
         return LedNote(asked.moving, chosen, asked.program.spheres)
 

@@ -87,9 +87,8 @@ class Planner:
         """
         unknown = [number for number in locations if number not in placements]
         if unknown:
-            raise ProgramError(
-                f'location {unknown[0]} has no place (there are {sorted(placements)})'
-            )
+            known = ', '.join(map(str, sorted(placements)))
+            raise ProgramError(f'location {unknown[0]} has no place (known: {known})')
         places = {number: placements[number] for number in locations or sorted(placements)}
         drafts: list[Draft] = []
         pace = Pace(progress, 'looking for postures', 'spheres')
