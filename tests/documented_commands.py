@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
-from scipy.optimize import least_squares
 
 from calib_capture.import_csv import import_csv
 from calib_model import cdr
@@ -69,7 +68,7 @@ def command_blocks(document: Path) -> list[list[Command]]:
             found.append(list(_joined(document, said)))
         else:
             lost = [text for _, text in said if text.startswith(('ros2 ', 'make '))]
-            assert not lost, f'{document.name}: a command in a block that is no shell: {lost[0]}'
+            assert language or not lost, f'{document.name}: no shell, but a command: {lost[0]}'
     return found
 
 
@@ -146,14 +145,19 @@ def seated_tables(folder: Path) -> None:
 
 def _seated(
     arm: Arm, seat: np.ndarray, goal: np.ndarray, generator: np.random.Generator, count: int = 12
-) -> list[np.ndarray]:
-    """Postures near which the seat is at the goal, their joints off by 1e-4 rad."""
-    found = []
-    while len(found) < count:
-        start = generator.uniform(-1.5, 1.5, arm.n)
-        solved = least_squares(
-            lambda q: points(arm, q[None], seat)[0] - goal, start, bounds=arm.limits.T
-        )
-        if solved.cost < 1e-16:
-            found.append(solved.x + generator.normal(0.0, 1e-4, arm.n))
-    return found
+) -> np.ndarray:
+    """Postures (count, n) near which the seat is at the goal, their joints off by 1e-4 rad."""
+    q = generator.uniform(-1.5, 1.5, (20 * count, arm.n))
+    for _ in range(60):  # damped Newton, all at once
+        miss = points(arm, q, seat) - goal
+        slope = np.stack(
+            [(points(arm, q + step, seat) - goal - miss) / 1e-6 for step in 1e-6 * np.eye(arm.n)],
+            axis=-1,
+        )  # (N, 3, n)
+        square = slope @ slope.transpose(0, 2, 1) + 1e-6 * np.eye(3)
+        q -= np.einsum('kin,ki->kn', slope, np.linalg.solve(square, miss[..., None])[..., 0])
+    lower, upper = arm.limits.T
+    reached = np.abs(points(arm, q, seat) - goal).max(axis=1) < 1e-7
+    usable = q[reached & (q > lower).all(axis=1) & (q < upper).all(axis=1)]
+    assert len(usable) >= count
+    return usable[:count] + generator.normal(0.0, 1e-4, (count, arm.n))

@@ -14,7 +14,6 @@ import signal
 import subprocess
 import sys
 import time
-from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -198,29 +197,3 @@ def test_commands_are_found_in_readme_and_docs():
              for command in block]  # fmt: skip
     assert {'make demo', 'make test'} <= set(found)
     assert sum(not elsewhere(Command(text, '')) for text in found) > 20
-
-
-#: started and answered by --help here one by one
-CONSOLE = sorted(
-    (entry.value.split('.')[0], entry.name)
-    for entry in metadata.entry_points(group='console_scripts')
-    if entry.value.startswith(('calib_', 'selfcenter_probe'))
-)
-
-
-def test_every_package_s_commands_are_known():
-    assert {package for package, _ in CONSOLE} == {
-        'calib_bringup', 'calib_capture', 'calib_model', 'calib_solver', 'selfcenter_probe'
-    }  # fmt: skip
-
-
-@pytest.mark.parametrize(('package', 'command'), CONSOLE)
-def test_a_command_s_help_has_an_example(package, command):
-    value = next(e.value for e in metadata.entry_points(group='console_scripts')
-                 if e.name == command and e.value.startswith(package))  # fmt: skip
-    module = value.partition(':')[0]
-    done = subprocess.run([sys.executable, '-m', module, '--help'], capture_output=True, text=True,
-                          timeout=30)  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    example = done.stdout.partition('\nexample')[2]
-    assert f'  ros2 run {package} {command}' in example
