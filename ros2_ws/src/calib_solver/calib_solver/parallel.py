@@ -17,6 +17,7 @@ from calib_model.errors import CalibrationError
 Item = TypeVar('Item')
 Result = TypeVar('Result')
 Advance = Callable[[], None]
+NICE = 10  # of processes that work in the background
 
 
 class Spread(Protocol):
@@ -102,6 +103,7 @@ def _begin(shared: object) -> None:
     global _shared  # a worker process has one job only
     _shared = shared
     os.environ['CALIB_THREADS'] = '1'
+    os.nice(NICE)  # a node that has this done answers others meanwhile
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

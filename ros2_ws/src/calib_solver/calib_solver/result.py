@@ -11,6 +11,7 @@ from calib_model.bag_writer import write_together
 from calib_model.correction import correction_yaml
 from calib_model.description import arm_yaml, probe_yaml
 from calib_model.errors import CalibrationError
+from calib_model.folder_lock import FolderLock
 from calib_model.joint_errors import KINDS
 from calib_model.rotation import RigidTransform
 from calib_model.urdf import arm_urdf
@@ -117,9 +118,10 @@ def write_results(
         texts['correction.yaml'] = correction_yaml(done.correction)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        write_together(folder, texts)
-        if done.correction is None:
-            (folder / 'correction.yaml').unlink(missing_ok=True)
+        with FolderLock(folder):  # where two write at once, all files are of one or of the other
+            write_together(folder, texts)
+            if done.correction is None:
+                (folder / 'correction.yaml').unlink(missing_ok=True)
     except OSError as error:
         raise CalibrationError(f'{folder}: results cannot be written: {error.strerror}') from error
     return [folder / name for name in texts]

@@ -7,11 +7,12 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from threading import Lock
 from typing import Any
 
 import numpy as np
 from calib_interfaces.srv import Compensate, Evaluate, FitProbe, Identify
-from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
@@ -47,7 +48,7 @@ and /compensate with joint commands that really get there."""
 EXAMPLE = """\
 ros2 run calib_solver solver
   ros2 service call /identify calib_interfaces/srv/Identify "{bag: 'bags/demo/identification'}\""""
-THREADS = 4
+THREADS, LONG = 6, 4  # of which identifications take so many at most: the rest answers others
 READ = 'folders that callers may have bags and descriptions read from'
 WRITTEN = 'folders that callers may have results written in'
 SCHEDULERS = 'addresses of Dask schedulers that callers may name'
@@ -110,16 +111,16 @@ class SolverNode(Node):
         self._markers = self.create_publisher(
             MarkerArray, SOLVER_MARKERS.name, messages.qos_of(SOLVER_MARKERS)
         )
-        group = ReentrantCallbackGroup()
+        short, long = ReentrantCallbackGroup(), _AtMost(LONG)
         services = (
-            (Identify, 'identify', self._identify),
-            (FitProbe, 'fit_probe', self._fit_probe),
-            (Evaluate, 'evaluate', self._evaluate),
-            (Compensate, 'compensate', self._compensate),
+            (Identify, 'identify', self._identify, long),
+            (FitProbe, 'fit_probe', self._fit_probe, short),
+            (Evaluate, 'evaluate', self._evaluate, short),
+            (Compensate, 'compensate', self._compensate, short),
         )
         self._offered = [
             self.create_service(kind, name, self._guarded(work), callback_group=group)
-            for kind, name, work in services
+            for kind, name, work, group in services
         ]
         self.get_logger().info('ready: /identify, /fit_probe, /evaluate, /compensate')
 
@@ -237,6 +238,32 @@ class SolverNode(Node):
         response.change_max = finished.change
         response.written = [str(path) for path in finished.written]
         response.message = finished.verdict
+
+
+class _AtMost(CallbackGroup):
+    """Callbacks of which only so many are under way at a time; the others' requests wait."""
+
+    def __init__(self, limit: int) -> None:
+        super().__init__()
+        self._free = limit
+        self._lock = Lock()
+
+    def can_execute(self, _: Any) -> bool:
+        """Whether one more may begin."""
+        return self._free > 0
+
+    def beginning_execution(self, _: Any) -> bool:
+        """One more is to begin; False: it may not."""
+        with self._lock:
+            if not self._free:
+                return False
+            self._free -= 1
+            return True
+
+    def ending_execution(self, _: Any) -> None:
+        """One has ended."""
+        with self._lock:
+            self._free += 1
 
 
 def _sources(request: Any) -> Sources:
