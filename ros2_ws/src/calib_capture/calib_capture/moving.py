@@ -23,6 +23,7 @@ from calib_model.pairing import (
     joints_at,
     objection,
 )
+from calib_model.raw_pairing import SEATED, SPACING
 from calib_model.rotation import Array
 
 LONGEST_WAIT = 60 * SECOND  # ns that one stream waits for the other
@@ -43,8 +44,8 @@ class MovingSettings:
     straight line for long. Messages that come up to `lateness` (s) late are put in their place.
     """
 
-    spacing: float = 0.1
-    seated: float = 0.05
+    spacing: float = SPACING
+    seated: float = SEATED
     max_gap: float = 0.02
     lateness: float = 0.0
 
