@@ -13,6 +13,7 @@ PACKAGES = sorted(path.parent for path in SOURCES.glob('*/package.xml'))
 #: modules to the keys that bring them, as rosdep knows them; ROS packages have their own names
 KEYS = {
     'hypothesis': 'python3-hypothesis',
+    'lz4': 'python3-rosbags-pip',  # which needs it too
     'matplotlib': 'python3-matplotlib',
     'mcap': 'mcap-ros2-support',  # mcap itself has no key
     'numpy': 'python3-numpy',

@@ -15,7 +15,7 @@ from rclpy.action import ActionClient
 
 from calib_bringup.domains import held_domain
 from calib_bringup.processes import Child, Children, graph_environment
-from calib_model import fields
+from calib_model import plain_yaml
 
 ROOT = Path(__file__).parents[1]
 DEMO = ROOT / 'bags' / 'demo'
@@ -138,7 +138,7 @@ def calls(path):
 
 
 def test_the_one_loader_of_yaml_is_a_safe_one():
-    assert issubclass(fields._Loader, (yaml.SafeLoader, yaml.CSafeLoader))
+    assert issubclass(plain_yaml._Loader, (yaml.SafeLoader, yaml.CSafeLoader))
 
 
 @pytest.mark.parametrize('path', SOURCES, ids=[str(path.relative_to(ROOT)) for path in SOURCES])

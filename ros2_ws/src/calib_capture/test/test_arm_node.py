@@ -177,12 +177,14 @@ def test_stepped_a_minute_of_motion_is_over_at_once(graph, peer, arm_file):
 
 
 def test_stepped_a_long_trajectory_arrives_whole(graph, peer, arm_file):
-    """Three hundred poses at once, more than the publisher keeps for slow readers."""
+    """Three hundred poses at once, with a rest at each: more states than a publisher keeps."""
     graph.start(MODULE, arm=arm_file, time_scale=0)
     peer.ready()
     targets = np.random.default_rng(1).uniform(-0.5, 0.5, (300, 6))
     del peer.states[:]
-    peer.command(0.5 * np.arange(1, 301), targets)
+    arrivals = 0.5 * np.arange(1, 301)
+    seconds = np.stack([arrivals, arrivals + 0.1], axis=1).ravel()
+    peer.command(seconds, np.repeat(targets, 2, axis=0))
     peer.until(lambda: np.allclose(peer.states[-1].position if peer.states else 9, targets[-1]))
     _, q = peer.arrays()
     missed = [target for target in targets if np.abs(q - target).max(axis=1).min() > 1e-8]
