@@ -133,7 +133,8 @@ def repeat_pairing(
         labels = _nominal(raw, placements, steady)
     known = [(each, label) for each, label in zip(steady, labels, strict=True) if label]
     if not known:
-        raise BagError(f'{path}: no pose comes of its {len(outcomes)} stops')
+        hint = 'led by hand? say --mode continuous'
+        raise BagError(f'{path}: no pose comes of its {len(outcomes)} stops ({hint})')
     measured = Measurement(raw.arm, raw.probe, raw.gauge, _probing_set(known), str(path)).checked()
     refused = Counter(each.reason.value for each in outcomes if isinstance(each, Refusal))
     missed = 0 if placements is not None else len(raw.poses) - len(known)

@@ -72,7 +72,7 @@ def checked_kinds(kinds: tuple[str, ...], links: Links | None) -> tuple[str, ...
         if kind not in KINDS:
             raise DataError(f'no joint error {kind!r}: expected {" or ".join(KINDS)}')
     if COMPLIANCE in kinds and links is None:
-        raise DataError('joint error compliance: the masses of the links are not given')
+        raise DataError('joint error compliance: the masses of the links are not given (--links)')
     return kinds
 
 
