@@ -13,7 +13,7 @@ ifdef PYTHON
 export PYTHON
 endif
 
-.PHONY: setup demo test lint bench studies clean
+.PHONY: setup demo test lint bench soak studies clean
 
 setup:
 	@tools/setup.sh
@@ -36,6 +36,12 @@ lint:
 # A file of tests at a time on each worker: what they share is set up once, graphs keep apart.
 test: lint
 	@source ./env.bash && python -m pytest -n auto --maxprocesses 4 --dist loadfile
+
+# Faults and load for as long as it takes to trust them, half an hour; the last figures go to docs.
+soak: lint
+	@source ./env.bash && export SOAK=1 CAPTURE_KILLS=20 CAPTURE_KILLS_SEED=1 && \
+	python -m pytest tests/test_load.py tests/test_faults_graph.py tests/test_faults_solver.py \
+	  ros2_ws/src/calib_capture/test/test_resume.py
 
 bench: setup
 	@source ./env.bash && python -m benchmarks.run

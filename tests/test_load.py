@@ -13,6 +13,7 @@ import re
 import signal
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -67,6 +68,37 @@ def seen():
         file.parent.mkdir(exist_ok=True)
         kept = json.loads(file.read_text()) if file.is_file() else {}
         file.write_text(json.dumps(kept | figures, indent=1) + '\n')
+        (ROOT / 'docs' / 'soak.md').write_text(table(kept | figures))
+
+
+def table(seen: dict[str, Any]) -> str:
+    """The figures of a soak as a page of Markdown."""
+    lines = [
+        '# Soak', '', 'What the last `make soak` saw; it writes this page.', '',
+        '| load | what came of it | lost without a word | memory early → at the end |',
+        '| --- | --- | --- | --- |',
+    ]  # fmt: skip
+    if 'led_seconds' in seen:
+        lines.append(
+            f'| an arm led by hand for {seen["led_seconds"] / 60:.0f} min, 500 joint states and '
+            f'1000 readings in each second | {seen["led_joint_states"]} joint states and '
+            f'{seen["led_readings"]} readings recorded, {seen["led_poses"]} poses; '
+            f'{seen["led_lost_reported"]} messages lost on the way, reported | '
+            f'{seen["led_lost_unreported"]} | {memory(seen["led_memory"])} |'
+        )
+    for kind in ('evaluate', 'identify'):
+        if f'{kind}_calls' in seen:
+            lines.append(
+                f'| {seen[f"{kind}_calls"]} calls of /{kind} in a row | '
+                f'{seen[f"{kind}_answered"]} answered, all alike | 0 | '
+                f'{memory(seen[f"{kind}_memory"])} |'
+            )
+    return '\n'.join(lines) + '\n'
+
+
+def memory(figures: list[float]) -> str:
+    early, late = figures
+    return f'{early:.1f} → {late:.1f} MiB ({(late / early - 1) * 100:+.1f} %)'
 
 
 def resident(child: Child) -> float:
@@ -90,8 +122,10 @@ def test_a_led_arm_at_1_khz_is_recorded_to_the_last_reading_in_flat_memory(start
         wait=30.0,
     )  # fmt: skip
     bag = tmp_path / 'bag'
-    capture = start('capture', 'calib_capture.capture_node', mode='continuous', output=bag,
-                    placements=CONFIG / 'locations/faro.yaml', spacing=0.5, silence=20.0)  # fmt: skip
+    capture = start(
+        'capture', 'calib_capture.capture_node', mode='continuous', output=bag, spacing=0.5,
+        silence=20.0, placements=CONFIG / 'locations/faro.yaml',
+    )  # fmt: skip
     until(capture, (bag / 'bag_0.mcap').exists, 90)
     begin = time.monotonic()
     time.sleep(WARM)

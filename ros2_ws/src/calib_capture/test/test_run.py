@@ -383,3 +383,27 @@ def test_progress_is_a_bar_on_a_terminal_and_lines_elsewhere():
     assert '6/10' not in terminal.getvalue()
     assert terminal.getvalue().endswith('\r\x1b[Kdone\n')
     assert file.getvalue() == '5 of 10 poses, 1 min 30 s left, location 1, sphere 6\ndone\n'
+
+
+def test_an_attempt_that_was_nobodys_fault_counts_not(run, program):
+    run.next_trajectory(0.0)
+    for turn in range(5):  # more often than a pose is tried
+        run.excuse()
+        run.close_batch(0.5 * turn)
+        assert run.next_trajectory(0.5 * turn) is not None
+    assert not run.tally.refused
+    run.close_batch(3.0)
+    run.next_trajectory(3.0)
+    run.close_batch(4.0)
+    assert run.tally.refused[NO_ANSWER] == 3
+    with pytest.raises(RunError, match='no pose has been answered for 101 s'):
+        run.give_up(101.0)
+
+
+def test_a_clock_that_is_set_back_does_not_keep_the_arm_waiting(run, program):
+    run.next_trajectory(0.0)
+    run.see(program.poses[0].joints, 100 * SECOND, 0.1)
+    run.see(program.poses[2].joints, 100 * SECOND, 0.1)
+    run.see(program.poses[2].joints, 10 * SECOND, 0.1)
+    run.see(program.poses[2].joints, 11 * SECOND, 0.1)
+    assert run.next_trajectory(0.2) is not None

@@ -242,3 +242,42 @@ def test_what_a_driver_should_never_send_refuses_its_stop(spoilt, reason):
     first, second = fed(Pairing(SETTINGS), in_time(joints, sent))
     assert first.reason is reason
     assert isinstance(second, SteadyPose)
+
+
+def test_stamps_that_fall_begin_anew_and_every_stop_of_both_times_counts():
+    """An arm started anew, its clock behind: first its joint states fall, then the readings."""
+    before, after = streams(2), streams(2)
+    back = 5 * SECOND
+    joints, readings = ([m._replace(stamp=m.stamp - back) for m in stream] for stream in after)
+    pairing = Pairing(SETTINGS)
+    outcomes = fed(pairing, in_time(*before)) + fed(pairing, in_time(joints, readings))
+    outcomes += pairing.finish()
+    poses = [each for each in outcomes if isinstance(each, SteadyPose)]
+    assert pairing.steps_back == 1
+    assert len(poses) == 4
+    for pose in poses:
+        shift = back if pose.stamp < T0 else 0
+        assert pose.joints == pytest.approx(arm_at((pose.stamp + shift - T0) / SECOND), abs=1e-9)
+
+
+def test_one_message_long_after_its_time_costs_at_most_the_stop_it_falls_into():
+    joints, readings = streams(3)
+    clean = fed(Pairing(SETTINGS), in_time(joints, readings))
+    messages = in_time(joints, readings)
+    late = messages[:900] + [joints[1]] + messages[900:]
+    outcomes = fed(Pairing(SETTINGS), late)
+    stamps = {each.stamp for each in clean if isinstance(each, SteadyPose)}
+    assert {each.stamp for each in outcomes if isinstance(each, SteadyPose)} <= stamps
+    assert len(outcomes) >= len(clean) - 1
+
+
+def test_what_is_doubted_gives_no_pose_and_what_comes_after_does():
+    joints, readings = streams(3)
+    pairing = Pairing(SETTINGS)
+    messages = in_time(joints, readings)
+    outcomes = fed(pairing, [m for m in messages if m.stamp < ns(0.33)])
+    pairing.doubt()
+    outcomes += fed(pairing, [m for m in messages if m.stamp > ns(0.62)]) + pairing.finish()
+    poses = [each for each in outcomes if isinstance(each, SteadyPose)]
+    assert len(poses) == 2
+    assert min(each.stamp for each in poses) > ns(0.9)

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import subprocess
+import sys
+
+from calib_model.folder_lock import FolderLock
+
+HOLD = """
+import sys
+from calib_model.folder_lock import FolderLock
+lock = FolderLock(sys.argv[1])
+print(lock.take(), flush=True)
+sys.stdin.read()
+"""
+
+
+def test_a_folder_is_one_writers_until_it_lets_go_or_dies(tmp_path):
+    first, second = FolderLock(tmp_path), FolderLock(tmp_path)
+    assert first.take()
+    assert not second.take()
+    first.release()
+    first.release()
+    assert second.take()
+    second.release()
+    holder = subprocess.Popen([sys.executable, '-c', HOLD, str(tmp_path)], text=True,
+                              stdin=subprocess.PIPE, stdout=subprocess.PIPE)  # fmt: skip
+    assert holder.stdout.readline() == 'True\n'
+    assert not first.take()
+    holder.kill()
+    holder.communicate()
+    assert first.take()
+    first.release()
