@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import time
 
@@ -77,7 +78,15 @@ class Client:
     def teach(self, location, sphere):
         self.until(self.teach_service.service_is_ready)
         request = Teach.Request(location=location, sphere=sphere)
-        return self.answer(self.teach_service.call_async(request))
+        for _ in range(20):  # on a busy machine states may come too far apart for an arm at rest
+            answer = self.answer(self.teach_service.call_async(request))
+            if 'has not stood still' not in answer.message:
+                break
+            self.until(functools.partial(self._later_than, self.perfect.before[0] + 4e8))
+        return answer
+
+    def _later_than(self, stamp):
+        return self.perfect.before[0] > stamp
 
     def set(self, name, value):
         self.until(self.setter.services_are_ready)
