@@ -60,6 +60,7 @@ class CaptureParameters:
     silence: float = 3.0
     taught: str = ''
     writing: Folders = Folders('output_folders', ())
+    assumed: bool = False  # the placements are the shipped example's, nobody gave them
 
 
 class ParameterReader:
@@ -102,6 +103,7 @@ class ParameterReader:
                 'silence', 3.0, 's without a message after which a led capture is over', 0.1, 1e5
             ),
             taught=self._parameters.text('taught', '', _TAUGHT),
+            assumed=not places,
             writing=Folders(
                 'output_folders',
                 self._parameters.texts('output_folders', usual_writing(), _WRITING),

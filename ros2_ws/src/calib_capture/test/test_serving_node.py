@@ -233,14 +233,12 @@ def test_a_taught_location_is_where_the_next_run_measures(
     assert result.taken == 8
     capture.terminate()
     assert capture.wait(10) == 0
-    # it is known to the next node too
-    graph.start(
-        CAPTURE, serve='true', placements=tmp_path / 'wrong.yaml', taught=kept
-    )
-    handle = client.send(
-        locations=[3], spheres=[1], poses_per_sphere=4, bag=str(tmp_path / 'second')
-    )
+    # it is known to the next node too, which without other places goes nowhere else
+    graph.start(CAPTURE, serve='true', taught=kept)
+    handle = client.send(spheres=[1], poses_per_sphere=4, bag=str(tmp_path / 'second'))
     assert client.result(handle)[1].taken == 4
+    poses = read_measurement(tmp_path / 'second').poses
+    assert set(poses.location) == {3}
 
 
 def test_what_cannot_be_taught_is_said(graph, client, config, placements):
