@@ -6,6 +6,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ class OfferedQos:
     latched: bool = False
 
 
+@lru_cache  # each message brings its topic's text
 def offered_qos(text: str) -> OfferedQos:
     """From rosbag2's `offered_qos_profiles` (YAML, words or older numbers); of several, the first.
 
