@@ -22,7 +22,7 @@ setup:
 VARIANT := $(filter passive iiwa14 faro,$(MAKECMDGOALS))
 ifneq ($(VARIANT),)
 .PHONY: $(VARIANT)
-$(VARIANT): demo ;
+$(VARIANT): demo ; @:
 endif
 
 demo: setup
