@@ -40,8 +40,8 @@ class Gauge:
         for known, center in self.spheres:
             if known == number:
                 return frozen(center)
-        known = ', '.join(map(str, self.numbers))
-        raise DataError(f'{self.name}: no sphere {number} on the certificate (it has {known})')
+        there = ', '.join(map(str, self.numbers))
+        raise DataError(f'{self.name}: no sphere {number} on the certificate (it has {there})')
 
     def distance(self, first: int, second: int) -> float:
         """The certified distance D0 between two spheres' centres, m (eq. 7).
