@@ -172,6 +172,7 @@ class SolverNode(Node):
         if record['quality']['test'] is not None:
             response.has_test = True
             response.test = messages.quality(record['quality']['test'])
+            response.test_initial = messages.quality(record['quality']['test_initial'])
         response.solver = messages.solver(record['solver'])
         if record['probe_fit'] is not None:
             response.has_probe_fit = True

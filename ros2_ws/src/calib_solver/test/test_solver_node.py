@@ -161,6 +161,7 @@ def test_identify_answers_what_the_command_writes(ask, files, tmp_path):
         same(answer.initial, quality['initial'])
         same(answer.identified, quality['identified'])
         same(answer.test, quality['test'])
+        same(answer.test_initial, quality['test_initial'])
     assert answer.has_test
     assert answer.has_probe_fit
     assert 'converged' in answer.message
