@@ -33,7 +33,8 @@ def test_one_started_anew_is_unsure_for_a_moment_and_one_again():
 
 @pytest.mark.parametrize('other', [1, 990, 1000, 50_000])
 def test_two_at_a_time_are_several_after_a_few_messages_and_never_one_again(other):
-    two = [n for pair in zip(range(1001, 1051), range(other, other + 50), strict=True) for n in pair]
+    pairs = zip(range(1001, 1051), range(other, other + 50), strict=True)
+    two = [n for pair in pairs for n in pair]
     _, origins = judged([*range(900, 1001), *two])
     assert set(origins[:101]) == {Origin.ONE}
     several = origins.index(Origin.SEVERAL)

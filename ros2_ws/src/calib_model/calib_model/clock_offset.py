@@ -41,7 +41,7 @@ KNOWN_TO = 5e-4  # s of standard uncertainty up to which an estimate is one
 MARGIN = round((LONGEST + STEP + FINE) * SECOND)  # ns of joint states around a reading
 LONGEST_WAIT = 60 * SECOND  # ns that joint states are kept for readings that do not come
 WAITING = 20  # chunks that wait for joint states: those of other clocks never come
-KEPT = 400  # chunks: beyond, every second one is forgotten
+KEPT = 120  # chunks: beyond, every second one is forgotten
 #: how far off an arm may be before it is calibrated (a, alpha, d, theta_0, beta), and its probe;
 #: m and rad
 UNKNOWN = (1e-3, 2e-3, 1e-3, 2e-3, 2e-3)
@@ -200,7 +200,9 @@ class ClockEstimate:
         s = np.array([each.displacement for each in readings])
         p_probe = known_centers(self._probe, s, self._diameter)
         good = np.isfinite(p_probe).all(axis=1)
-        self._chunks.append(_Chunk(t[good], p_probe[good], t_joints[first:last], q[first:last]))
+        # copies: a slice would keep all the joint states there were
+        around = t_joints[first:last].copy(), q[first:last].copy()
+        self._chunks.append(_Chunk(t[good], p_probe[good], *around))
         if len(self._chunks) > KEPT:  # every second one tells almost as much
             self._chunks, self._sums = self._chunks[::2], []
             self._every *= 2
