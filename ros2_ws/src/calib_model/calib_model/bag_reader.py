@@ -203,6 +203,15 @@ class _Known:
         return found
 
 
+def cut_files(path: str | Path) -> list[Path]:
+    """The MCAP files of a bag that were cut short: what follows their last whole chunk is lost.
+
+    Raises:
+        BagError: there is no bag at `path`.
+    """
+    return [file for file in bag_files(path) if file.suffix == '.mcap' and _lacks_end(file)]
+
+
 def _lacks_end(file: Path) -> bool:
     """Whether the file was cut; one that has its end and yet runs out has a wrong length in it."""
     if begins_with(file, ZSTD):

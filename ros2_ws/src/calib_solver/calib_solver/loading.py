@@ -12,6 +12,7 @@ import numpy as np
 
 from calib_model.arm import Arm
 from calib_model.arm_from_urdf import read_urdf
+from calib_model.bag_reader import cut_files
 from calib_model.correction import Correction
 from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.errors import DataError
@@ -220,6 +221,7 @@ def calibrate(
     if sources.links:
         options = replace(options, links=read_links(sources.links, loaded.measured.arm))
     loaded, done, resampled = _identified(loaded, options, effort)
+    done = replace(done, warnings=(*_cut((*sources.bags, *test)), *done.warnings))
     held_out, notes = None, loaded.lines
     if unseen is not None:
         unseen = unseen.told_with(done.arm, done.probe, done.model)
@@ -248,6 +250,15 @@ def with_urdf(urdf: str, output: str, calibrated: Callable[[], Calibration]) -> 
     measured = finished.done.problem.measured
     path = write_corrected_urdf(output, own, measured.arm, finished.done.arm, urdf)
     return replace(finished, written=(*finished.written, path))
+
+
+def _cut(bags: Sequence[str]) -> tuple[str, ...]:
+    """A line for each file that ends before its end."""
+    return tuple(
+        f'{file}: cut short, what was whole is used; ros2 run calib_capture recover says how much '
+        'that is'
+        for bag in bags for file in cut_files(bag)
+    )  # fmt: skip
 
 
 def _inputs(sources: Sources, test: Sequence[str]) -> Inputs:

@@ -312,3 +312,12 @@ def test_a_seat_off_the_probes_origin_counts(passive_scene):
     with_seat = identify(measured).initial.phi
     without = identify(forgotten).initial.phi
     assert with_seat != pytest.approx(without, rel=1e-2)
+
+
+def test_a_bag_that_was_cut_is_named_in_a_warning(bags, tmp_path):
+    whole = next((bags / 'seen').glob('*.mcap'))
+    content = whole.read_bytes()
+    (tmp_path / 'cut.mcap').write_bytes(content[: len(content) - 200])
+    cut = calibrate(Sources((str(tmp_path / 'cut.mcap'),)), Options())
+    assert any('cut.mcap: cut short' in line for line in cut.record['warnings'])
+    assert calibrate(Sources((str(bags / 'seen'),)), Options()).record['warnings'] == []
