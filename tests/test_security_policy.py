@@ -92,6 +92,12 @@ def allowed(name: str) -> set[Right]:
     }  # fmt: skip
 
 
+#: what a node does only while a capture is under way, which none is here
+AT_WORK: dict[str, set[Right]] = {
+    'capture': {('topics', 'publish', 'arm_controller/joint_trajectory')}
+}
+
+
 @pytest.mark.parametrize('name', NODES)
 def test_each_node_may_do_what_it_does_and_no_more(seen, name):
-    assert seen[name] == allowed(name)
+    assert seen[name] | AT_WORK.get(name, set()) == allowed(name)
