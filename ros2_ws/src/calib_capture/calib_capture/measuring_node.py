@@ -33,7 +33,9 @@ from calib_capture.trajectory import Trajectory
 from calib_model.bag_account import FileAccount
 from calib_model.clock_offset import ClockEstimate
 from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
+from calib_model.errors import ParameterError
 from calib_model.pairing import JointSample, Pairing, Reading
+from calib_model.probe import PassiveProbe
 from calib_model.rotation import RigidTransform
 from calib_model.topics import (
     ARM_DESCRIPTION,
@@ -118,8 +120,14 @@ class CaptureNode(Node):
         """A planner for what was described.
 
         Raises:
-            CalibrationError: there is none for such an arm.
+            CalibrationError: there is none for such an arm, or the probe gives no readings.
         """
+        if isinstance(self.probe, PassiveProbe):
+            # its poses would all be where the program put them: perfect, and meaningless
+            raise ParameterError(
+                f'{self.probe.name} is a passive probe, which does not tell where a commanded arm '
+                "really is: lead the arm by hand, with parameter 'mode' continuous"
+            )
         return Planner(self.arm, self.probe, self.gauge, self.asked.program)
 
     @property

@@ -149,6 +149,15 @@ def test_it_says_what_it_waits_for_and_gives_up(graph, asked):
     assert not asked['output'].exists()
 
 
+def test_a_passive_probe_is_not_sent_about_by_a_program(graph, perfect, arm_node, asked, config):
+    capture = graph.start(CAPTURE, **asked, probe=config / 'probes' / 'passive_seat_kr5.yaml')
+    perfect.spin_while(capture)
+    _, error = capture.communicate(timeout=60)
+    assert capture.returncode == 2
+    assert 'passive probe, which does not tell where a commanded arm really is' in error
+    assert not asked['output'].exists()
+
+
 @pytest.mark.parametrize(
     ('parameters', 'said'),
     [
