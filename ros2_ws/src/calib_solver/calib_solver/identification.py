@@ -194,7 +194,8 @@ def _doubts(
         return ()
 
     def spread_of(changed: Problem) -> float:
-        solver = Solver(table, replace(options, objective=LEADING), accumulate)
+        # the prior keeps hypotheses that fit nothing from wandering for long
+        solver = Solver(table, Options(), accumulate)
         solver.refuse_too_little(changed)
         solver.start_from(changed, try_probe_fit(changed)[0])
         return _spread(assess(changed, *solver.arm_and_probe(changed)))

@@ -22,9 +22,9 @@ from calib_model.rotation import Array
 from calib_solver.problem import Problem
 
 #: so many poses are enough to tell a mix-up
-POSES = 600
+POSES = 280
 #: a pose's usual distance from its sphere's centre (m) below which nothing is mixed up
-SMALL = 1e-4
+SMALL = 3e-4
 #: a mix-up is named when the poses fit so many times better with it
 FACTOR = 4.0
 #: and no better than this (m) it explains nothing
