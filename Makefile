@@ -37,10 +37,11 @@ lint:
 test: lint
 	@source ./env.bash && python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
-# Faults and load for as long as it takes to trust them, half an hour; the last figures go to docs.
+# Faults and load for as long as it takes to trust them; the last figures go to docs/soak.md.
 soak: lint
-	@source ./env.bash && export SOAK=1 CAPTURE_KILLS=20 CAPTURE_KILLS_SEED=1 && \
-	python -m pytest tests/test_load.py tests/test_faults_graph.py tests/test_faults_solver.py \
+	@rm -f output/soak.json
+	@source ./env.bash && export SOAK=1 FAULT_ROUNDS=15 CAPTURE_KILLS=20 CAPTURE_KILLS_SEED=1 && \
+	python -m pytest tests/test_load.py tests/test_faults_*.py \
 	  ros2_ws/src/calib_capture/test/test_resume.py
 
 bench: setup

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from soak import note
 
 from calib_model.errors import CalibrationError
 
@@ -145,4 +146,6 @@ def outcomes(
             raise AssertionError(f'{kind} {number}: {type(error).__name__}: {error}') from error
         spent = time.monotonic() - begin
         assert spent < SLOWEST, f'{kind} {number}: {spent:.1f} s'
+    if rounds > 1:
+        note(**{f'damaged {kind}': [well, refused]})
     return well, refused

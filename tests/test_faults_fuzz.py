@@ -19,7 +19,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 import damaged_bags  # noqa: E402
-from mutations import changed_bytes, changed_yaml, dice, outcomes, refused_once  # noqa: E402
+from mutations import ROUNDS, changed_bytes, changed_yaml, dice, outcomes, refused_once  # noqa: E402
 
 from calib_capture.playback import read_playback  # noqa: E402
 from calib_capture.pose_table import read_table  # noqa: E402
@@ -52,6 +52,7 @@ from calib_solver.quality_record import quality_record  # noqa: E402
 from calib_solver.result import result_record  # noqa: E402
 from calib_solver.target_table import read_targets  # noqa: E402
 
+pytestmark = pytest.mark.timeout(120 * ROUNDS)
 CONFIG = Path(__file__).parents[1] / 'ros2_ws' / 'src' / 'calib_bringup' / 'config'
 LINKS = """\
 gravity: [0, 0, -9.81]

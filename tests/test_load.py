@@ -7,21 +7,22 @@ writes what was seen to docs/soak.md.
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import signal
+import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 rclpy = pytest.importorskip('rclpy', reason='no ROS 2 here')
 pytest.importorskip('calib_interfaces.srv', reason='the workspace is not built')
+sys.path.insert(0, str(Path(__file__).resolve().parent))
 from calib_interfaces.srv import Evaluate, Identify  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from soak import SOAK, note  # noqa: E402
 
 from calib_bringup.domains import held_domain  # noqa: E402
 from calib_bringup.processes import Child, Children, graph_environment  # noqa: E402
@@ -32,7 +33,6 @@ from calib_model.pairing import JointSample  # noqa: E402
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'ros2_ws/src/calib_bringup/config'
 DEMO = ROOT / 'bags/demo/identification'
-SOAK = os.environ.get('SOAK') == '1'
 SECONDS, WARM = (600.0, 60.0) if SOAK else (8.0, 3.0)
 EVALUATIONS, IDENTIFICATIONS = (10_000, 500) if SOAK else (60, 6)
 FLAT = 1.05  # of the memory after the first minute
@@ -58,49 +58,6 @@ def start(tmp_path):
         yield begin
 
 
-@pytest.fixture(scope='module')
-def seen():
-    """Figures by name; a soak's are kept."""
-    figures: dict[str, object] = {}
-    yield figures
-    if SOAK:
-        file = ROOT / 'output' / 'soak.json'
-        file.parent.mkdir(exist_ok=True)
-        kept = json.loads(file.read_text()) if file.is_file() else {}
-        file.write_text(json.dumps(kept | figures, indent=1) + '\n')
-        (ROOT / 'docs' / 'soak.md').write_text(table(kept | figures))
-
-
-def table(seen: dict[str, Any]) -> str:
-    """The figures of a soak as a page of Markdown."""
-    lines = [
-        '# Soak', '', 'What the last `make soak` saw; it writes this page.', '',
-        '| load | what came of it | lost without a word | memory early → at the end |',
-        '| --- | --- | --- | --- |',
-    ]  # fmt: skip
-    if 'led_seconds' in seen:
-        lines.append(
-            f'| an arm led by hand for {seen["led_seconds"] / 60:.0f} min, 500 joint states and '
-            f'1000 readings in each second | {seen["led_joint_states"]} joint states and '
-            f'{seen["led_readings"]} readings recorded, {seen["led_poses"]} poses; '
-            f'{seen["led_lost_reported"]} messages lost on the way, reported | '
-            f'{seen["led_lost_unreported"]} | {memory(seen["led_memory"])} |'
-        )
-    for kind in ('evaluate', 'identify'):
-        if f'{kind}_calls' in seen:
-            lines.append(
-                f'| {seen[f"{kind}_calls"]} calls of /{kind} in a row | '
-                f'{seen[f"{kind}_answered"]} answered, all alike | 0 | '
-                f'{memory(seen[f"{kind}_memory"])} |'
-            )
-    return '\n'.join(lines) + '\n'
-
-
-def memory(figures: list[float]) -> str:
-    early, late = figures
-    return f'{early:.1f} → {late:.1f} MiB ({(late / early - 1) * 100:+.1f} %)'
-
-
 def resident(child: Child) -> float:
     """Memory that a process holds, MiB."""
     pages = int(Path(f'/proc/{child.process.pid}/statm').read_text().split()[1])
@@ -115,7 +72,7 @@ def until(child: Child, done, seconds: float) -> None:
         time.sleep(0.05)
 
 
-def test_a_led_arm_at_1_khz_is_recorded_to_the_last_reading_in_flat_memory(start, tmp_path, seen):
+def test_a_led_arm_at_1_khz_is_recorded_to_the_last_reading_in_flat_memory(start, tmp_path):
     """At twice real time: 500 joint states and 1000 readings in every second of the wall clock."""
     operator = start(
         'operator', 'selfcenter_probe.operator_node', probe='active', poses=2500, time_scale=2.0,
@@ -160,12 +117,12 @@ def test_a_led_arm_at_1_khz_is_recorded_to_the_last_reading_in_flat_memory(start
     assert len(read_measurement(bag).poses) == taken
     assert late < FLAT * early + (0 if SOAK else 5)
     assert wall > 0.5 * READINGS, 'the machine is too busy for this'
-    seen |= {
-        'led_seconds': SECONDS, 'led_joint_states': len(states), 'led_readings': len(came),
-        'led_readings_per_second': wall, 'led_lost_reported': sum(lost.values()),
-        'led_lost_unreported': sum(unreported.values()), 'led_poses': taken,
-        'led_memory': [early, late], 'led_bag_mb': (bag / 'bag_0.mcap').stat().st_size / 1e6,
-    }  # fmt: skip
+    note(
+        led_seconds=SECONDS, led_joint_states=len(states), led_readings=len(came),
+        led_readings_per_second=wall, led_lost_reported=sum(lost.values()),
+        led_lost_unreported=sum(unreported.values()), led_poses=taken,
+        led_memory=[early, late], led_bag_mb=(bag / 'bag_0.mcap').stat().st_size / 1e6,
+    )  # fmt: skip
 
 
 def missed(stamps: np.ndarray, period: int) -> int:
@@ -212,7 +169,7 @@ def solver(start):
     ('kind', 'calls'), [(Evaluate, EVALUATIONS), (Identify, IDENTIFICATIONS)],
     ids=['evaluate', 'identify'],
 )  # fmt: skip
-def test_calls_in_a_row_are_all_answered_alike_in_flat_memory(solver, seen, kind, calls):
+def test_calls_in_a_row_are_all_answered_alike_in_flat_memory(solver, kind, calls):
     warm = max(2, calls // 10)
     answers: set[float] = set()
     begin, early = time.monotonic(), 0.0
@@ -227,5 +184,5 @@ def test_calls_in_a_row_are_all_answered_alike_in_flat_memory(solver, seen, kind
     assert len(answers) == 1
     assert late < FLAT * early + (0 if SOAK else 5)
     name = kind.__name__.lower()
-    seen |= {f'{name}_calls': calls, f'{name}_answered': calls, f'{name}_memory': [early, late],
-             f'{name}_seconds': time.monotonic() - begin}  # fmt: skip
+    note(**{f'{name}_calls': calls, f'{name}_answered': calls, f'{name}_memory': [early, late],
+            f'{name}_seconds': time.monotonic() - begin})  # fmt: skip
