@@ -28,6 +28,7 @@ from calib_capture.showing_node import Showing
 from calib_capture.teach import TaughtBook
 from calib_model.command import run_command
 from calib_model.errors import ParameterError
+from calib_model.parameters_node import warn_of_unknown
 from calib_model.progress import Progress
 from calib_model.run_node import NodeCommand
 
@@ -98,6 +99,7 @@ def _capture() -> int:
     node: CaptureNode | None = None
     try:
         node = CaptureNode()
+        warn_of_unknown(node)
         executor, stop = lean_executor(), _Stop()
         executor.add_node(node)
         if node.asked.serve:

@@ -25,6 +25,7 @@ from calib_capture.playback import OfferedQos, Playback, Timing, offered_qos, re
 from calib_model.bag_reader import BagMessage
 from calib_model.command import CommandParser, run_command
 from calib_model.errors import BagError
+from calib_model.parameters_node import warn_of_unknown
 
 SETTLED = 0.3  # s without a new subscriber after which those that will listen are taken to be there
 DELIVERY = 2.0  # s to wait at the end for what reliable subscribers have not acknowledged
@@ -183,6 +184,7 @@ def _replay() -> None:
     # Ctrl-C is ours: it shall not take the graph away in the middle of a message
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = ReplayNode(playback, given.clock)
+    warn_of_unknown(node)
     first, last = playback.span
     progress = Progress(len(playback), (last - first) * 1e-9)
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Sequence
+from difflib import get_close_matches
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -20,6 +21,8 @@ from calib_model.errors import ParameterError
 
 Check = Callable[[Any], Any]
 Changed = Callable[[Any], None]
+OF_ROS = 'qos_overrides.'  # declared by rclpy only where a topic's publisher or subscriber asks
+MOST_NAMED = 8  # of those that are near to nothing: a shared file may have dozens
 
 
 class Parameters:
@@ -141,6 +144,36 @@ class Parameters:
             if parameter.name in self._changed:
                 value = self._checks[parameter.name](parameter.value)
                 self._changed[parameter.name](value)
+
+
+def warn_of_unknown(node: Any) -> None:
+    """One line of warning when `node`, all declared, was given parameters that it does not have.
+
+    Not a refusal: a file for `/**` may hold those of other nodes.
+    """
+    # rclpy has no public word for what was given and not declared
+    given = getattr(node, '_parameter_overrides', {})
+    unknown = [
+        name for name in sorted(given)
+        if not node.has_parameter(name) and not name.startswith(OF_ROS)
+    ]  # fmt: skip
+    if unknown:
+        known = sorted(node.get_parameters_by_prefix(''))
+        node.get_logger().warning(_unknown_line(unknown, known))
+
+
+def _unknown_line(unknown: Sequence[str], known: Sequence[str]) -> str:
+    parts, rest = [], []
+    for name in unknown:
+        if near := get_close_matches(name, known, 1):
+            parts.append(f'no parameter {name!r}: did you mean {near[0]!r}?')
+        else:
+            rest.append(repr(name))
+    if rest:
+        more = f' and {len(rest) - MOST_NAMED} more' if len(rest) > MOST_NAMED else ''
+        kind = 'parameters' if len(rest) > 1 else 'parameter'
+        parts.append(f'no {kind} {", ".join(rest[:MOST_NAMED])}{more}')
+    return ' '.join(parts)
 
 
 def _any(value: Any) -> Any:

@@ -23,7 +23,7 @@ from rclpy.utilities import remove_ros_args
 
 from calib_model.command import CommandParser
 from calib_model.errors import ParameterError
-from calib_model.parameters_node import Sheet
+from calib_model.parameters_node import Sheet, warn_of_unknown
 
 TWICE = 2.0  # s within which signals count as one
 LAST_CALLBACKS = 0.05  # s for those that a pool of threads has begun, before all is taken down
@@ -114,6 +114,7 @@ def run_node(
 
 
 def _spin(node: Node, executor: Executor, stop: _Stop) -> None:
+    warn_of_unknown(node)
     # Python sees a signal only between two waits, so there has to be an end to each
     node.create_timer(WAKE_PERIOD, lambda: None, clock=Clock(clock_type=ClockType.STEADY_TIME))
     executor.add_node(node)

@@ -8,7 +8,13 @@ from rclpy.parameter import Parameter  # noqa: E402
 
 from calib_model.command import UsageError  # noqa: E402
 from calib_model.errors import ParameterError  # noqa: E402
-from calib_model.parameters_node import Parameters, Proposal, Sheet  # noqa: E402
+from calib_model.parameters_node import (  # noqa: E402
+    MOST_NAMED,
+    Parameters,
+    Proposal,
+    Sheet,
+    warn_of_unknown,
+)
 from calib_model.run_node import NodeCommand  # noqa: E402
 
 pytestmark = pytest.mark.timeout(30)
@@ -99,6 +105,32 @@ def test_a_proposal_is_the_node_with_other_values(make):
     assert declare(Proposal(node, [Parameter('rate', value=30.0)]))[1] == 30.0
     with pytest.raises(ParameterError):
         declare(Proposal(node, [Parameter('rate', value=300.0)]))
+
+
+@pytest.mark.parametrize(('given', 'said'), [
+    (('poses:=5', 'use_sim_time:=false', 'start_type_description_service:=true',
+      'qos_overrides./joint_states.subscription.depth:=5'), ''),
+    (('spherse:=[1]',), "no parameter 'spherse': did you mean 'spheres'?"),
+    (('magnification:=2.0', 'rat:=3.0', 'zzz.y:=1'),
+     "no parameter 'rat': did you mean 'rate'? no parameters 'magnification', 'zzz.y'"),
+    (('zzz:=1',), "no parameter 'zzz'"),
+])  # fmt: skip
+def test_what_is_given_and_not_known_is_one_line_of_warning(make, capfd, given, said):
+    node = make(*given)
+    declare(node)
+    warn_of_unknown(node)
+    lines = capfd.readouterr().err.splitlines()
+    assert [line.partition('[n]: ')[2] for line in lines] == ([said] if said else [])
+    assert all(line.startswith('[WARN]') for line in lines)
+
+
+def test_a_shared_file_of_many_parameters_is_still_one_line(make, capfd):
+    node = make(*(f'of_another_node_{number}:=1' for number in range(40)))
+    declare(node)
+    warn_of_unknown(node)
+    line = capfd.readouterr().err.strip()
+    assert line.count('of_another_node_') == MOST_NAMED
+    assert line.endswith(f' and {40 - MOST_NAMED} more')
 
 
 def test_help_names_every_parameter_with_default_range_and_example(capsys):
