@@ -68,7 +68,7 @@ class CaptureNode(Node):
         self._origins = {JOINT_STATES: Publishers(), PROBE_DISPLACEMENTS: Publishers()}
         self._texts: dict[str, str] = {}
         self._heard = dict.fromkeys(self._origins, 0.0)
-        self._other_texts: set[str] = set()  # descriptions that contradict an earlier one
+        self._changed: set[str] = set()  # what is described in another way than before
         self.asked = ParameterReader(self).read()
         self._session: CaptureSession | LedSession | None = None
         self._early: list[tuple[JointSample | Reading, bytes, Origin]] = []
@@ -92,7 +92,7 @@ class CaptureNode(Node):
     def _subscribe_description(self, key: str, topic: Topic) -> None:
         def keep(message: String) -> None:
             if self._texts.setdefault(key, message.data) != message.data:
-                self._other_texts.add(key)
+                self._changed.add(key)
 
         self.create_subscription(String, topic.name, keep, qos_of(topic))
 
@@ -178,7 +178,7 @@ class CaptureNode(Node):
             if origin.origin is Origin.SEVERAL:
                 origin.forget()  # the next goal finds out anew
                 raise RunError(several(topic.name, self._publishers_of(topic)))
-        for key in self._other_texts:
+        for key in sorted(self._changed):
             topic = DESCRIPTIONS[key]
             raise RunError(
                 f'{topic.name}: another {key} than before is described there, by '
@@ -302,6 +302,8 @@ class CaptureNode(Node):
 
     def _pass_on(self, message: JointSample | Reading, raw: bytes, origin: Origin) -> None:
         assert self._session is not None
+        if self._changed:  # until the next tick sees it: this may be of what nobody described to us
+            return
         if origin is not Origin.ONE:
             of_arm = isinstance(message, JointSample)
             self._session.doubt(JOINT_STATES if of_arm else PROBE_DISPLACEMENTS, raw)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,9 +15,9 @@ import numpy as np
 from calib_capture.sphere_finder import SphereFinder
 from calib_model import cdr
 from calib_model.arm import Arm
+from calib_model.bag_descriptions import BagDescriptions
 from calib_model.bag_reader import BagMessage, read_messages
 from calib_model.clock_offset import ClockOffset, clock_offset
-from calib_model.description import parse_arm, parse_gauge, parse_probe
 from calib_model.errors import BagError
 from calib_model.gauge import Gauge
 from calib_model.pairing import (
@@ -35,14 +35,10 @@ from calib_model.probing import Measurement, ProbingSet
 from calib_model.progress import Pace, Progress, paced
 from calib_model.rotation import Array, RigidTransform
 from calib_model.topics import (
-    ARM_DESCRIPTION,
     CAPTURE_POSES,
     DESCRIPTIONS,
-    GAUGE_DESCRIPTION,
     JOINT_STATES,
-    PROBE_DESCRIPTION,
     PROBE_DISPLACEMENTS,
-    Topic,
 )
 
 T = TypeVar('T')
@@ -187,37 +183,33 @@ def read_raw(path: Path, progress: Progress | None = None) -> Raw:
     """The raw topics of a bag; `progress` hears how far it is.
 
     Raises:
-        BagError: no bag, a topic missing or not readable.
+        BagError: no bag, a topic missing or not readable, or a description that changes within it.
         DescriptionError: a description in the bag cannot be used.
     """
-    topics = (*DESCRIPTIONS, JOINT_STATES, PROBE_DISPLACEMENTS, CAPTURE_POSES)
-    types = {topic.name: topic.type for topic in topics}
+    types = {
+        topic.name: topic.type for topic in (JOINT_STATES, PROBE_DISPLACEMENTS, CAPTURE_POSES)
+    }
+    described = BagDescriptions(path)
     contents: dict[str, list[Any]] = {name: [] for name in types}
     order: list[tuple[str, Any]] = []
     pace = Pace(progress, f'reading {path}', 'MB', 1e6)
-    for message in read_messages(path, set(types), told=pace):
+    wanted = {*types, *(topic.name for topic in DESCRIPTIONS)}
+    for message in read_messages(path, wanted, told=pace):
+        if message.topic not in types:
+            described.take(message)
+            continue
         content = _decoded(path, message, types[message.topic])
         contents[message.topic].append(content)
         if message.topic in (JOINT_STATES.name, PROBE_DISPLACEMENTS.name):
             order.append((message.topic, content))
 
     pace.end()
-
-    def described(topic: Topic, parse: Callable[[str, str], T]) -> T:
-        texts = contents[topic.name]
-        if not texts:
-            raise BagError(f'{path}: the bag has no topic {topic.name}')
-        return parse(texts[-1].data, f'{path}: {topic.name}')
-
     for topic in (JOINT_STATES, PROBE_DISPLACEMENTS):
         if not contents[topic.name]:
             raise BagError(f'{path}: no raw messages on {topic.name}, nothing to pair')
-    arm = described(ARM_DESCRIPTION, parse_arm)
+    arm = described.arm()
     stream = list(_samples(order, arm))
-    return Raw(
-        arm, described(PROBE_DESCRIPTION, parse_probe), described(GAUGE_DESCRIPTION, parse_gauge),
-        stream, contents[CAPTURE_POSES.name],
-    )  # fmt: skip
+    return Raw(arm, described.probe(), described.gauge(), stream, contents[CAPTURE_POSES.name])
 
 
 def _decoded(path: Path, message: BagMessage, expected: str) -> Any:

@@ -14,6 +14,7 @@ from calib_capture.recorder import IN_USE
 from calib_model.arm import Arm
 from calib_model.bag import read_measurement
 from calib_model.bag_account import FileAccount
+from calib_model.bag_descriptions import read_descriptions
 from calib_model.bag_recovery import repair
 from calib_model.description import arm_yaml, gauge_yaml, probe_yaml
 from calib_model.errors import BagError
@@ -22,7 +23,12 @@ from calib_model.gauge import Gauge
 from calib_model.probe import Probe
 from calib_model.probing import ProbingSet
 from calib_model.rotation import Array
-from calib_model.topics import CAPTURE_POSES
+from calib_model.topics import (
+    ARM_DESCRIPTION,
+    CAPTURE_POSES,
+    GAUGE_DESCRIPTION,
+    PROBE_DESCRIPTION,
+)
 
 SAME_POSTURE = 2e-3  # rad: what a run takes for the planned pose
 
@@ -57,17 +63,23 @@ def begun(bag: str | Path, arm: Arm, probe: Probe, gauge: Gauge) -> Begun:
         return Begun((), None)
     mended: list[str] = []
     files = tuple(repair(bag, mended.append))
+    if files:
+        _refuse_other(bag, arm, probe, gauge)
     if not any(file.counts.get(CAPTURE_POSES.name) for file in files):
         return Begun(files, None, tuple(mended))
-    measured = read_measurement(bag)
-    for what, ours, its in (
-        ('arm', arm_yaml(arm), arm_yaml(measured.arm)),
-        ('probe', probe_yaml(probe), probe_yaml(measured.probe)),
-        ('gauge', gauge_yaml(gauge), gauge_yaml(measured.gauge)),
+    return Begun(files, read_measurement(bag).poses, tuple(mended))
+
+
+def _refuse_other(bag: str | Path, arm: Arm, probe: Probe, gauge: Gauge) -> None:
+    """Nothing, when the bag is of these; also one without a pose has readings of its probe."""
+    its = read_descriptions(bag)
+    for what, topic, ours, theirs in (
+        ('arm', ARM_DESCRIPTION, arm_yaml(arm), lambda: arm_yaml(its.arm())),
+        ('probe', PROBE_DESCRIPTION, probe_yaml(probe), lambda: probe_yaml(its.probe())),
+        ('gauge', GAUGE_DESCRIPTION, gauge_yaml(gauge), lambda: gauge_yaml(its.gauge())),
     ):
-        if ours != its:
+        if topic.name in its and theirs() != ours:
             raise BagError(f'{bag}: was captured with another {what} description, not gone on with')
-    return Begun(files, measured.poses, tuple(mended))
 
 
 def refuse_in_use(bag: str | Path) -> None:

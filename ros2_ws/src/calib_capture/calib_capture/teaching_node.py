@@ -91,6 +91,7 @@ class Teaching:
             raise TeachError('a capture is under way: teach when it is done')
         if missing := node.missing_descriptions():
             raise TeachError(f'not there yet: {missing}')
+        node.check_origins()
         if time.monotonic() - self._heard > SILENT:
             raise TeachError('no joint states from the arm')
         asked = node.asked.steady

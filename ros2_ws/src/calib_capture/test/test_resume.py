@@ -12,9 +12,10 @@ import pytest
 
 from calib_capture.program import PlannedPose, Program, SpherePlan
 from calib_capture.resume import begun, remaining
-from calib_model.bag import read_measurement, write_measurement
+from calib_model.bag import read_measurement, write_descriptions, write_measurement
 from calib_model.bag_reader import read_messages
 from calib_model.bag_recovery import recover
+from calib_model.bag_writer import BagWriter
 from calib_model.errors import BagError
 from calib_model.probing import Measurement, ProbingSet
 
@@ -70,6 +71,11 @@ def test_a_bag_of_another_arm_is_not_gone_on_with(kr5, probe, gauge, tmp_path):
     assert begun(tmp_path / 'bag', kr5, probe, gauge).taken == 1
     with pytest.raises(BagError, match='another arm description'):
         begun(tmp_path / 'bag', replace(kr5, name='other'), probe, gauge)
+    with BagWriter(tmp_path / 'no_pose') as bag:  # yet readings, of that probe
+        write_descriptions(bag, kr5, probe, gauge, 1)
+    assert begun(tmp_path / 'no_pose', kr5, probe, gauge).taken == 0
+    with pytest.raises(BagError, match='another probe description'):
+        begun(tmp_path / 'no_pose', kr5, replace(probe, name='other'), gauge)
 
 
 def test_a_capture_killed_before_its_first_words_is_begun_anew(kr5, probe, gauge, tmp_path):

@@ -19,6 +19,7 @@ from perfect_probe import PerfectProbe  # noqa: E402
 from rclpy.action import ActionClient  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.parameter_client import AsyncParameterClient  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
@@ -241,7 +242,7 @@ def test_a_taught_location_is_where_the_next_run_measures(
     assert set(poses.location) == {3}
 
 
-def test_what_cannot_be_taught_is_said(graph, client, config, placements):
+def test_what_cannot_be_taught_is_said(graph, client, config, tmp_path):
     start(graph, config)
     client.until(lambda: client.perfect.before)
     answers = []
@@ -254,3 +255,11 @@ def test_what_cannot_be_taught_is_said(graph, client, config, placements):
     assert not any(answer.success for answer in answers)
     assert not client.teach(1, 99).success
     assert 'counted from 1' in client.teach(0, 1).message
+    # from now on nobody knows of which probe the readings are
+    client.perfect.latched[0].publish(String(data='another: probe\n'))
+    client.until(
+        lambda: '/probe_description: another probe than before' in client.teach(1, 1).message, 10.0
+    )
+    refused = client.result(client.send(locations=[3], spheres=[1], bag=str(tmp_path / 'bag')))
+    assert 'another probe than before is described there, by /probe' in refused[1].message
+    assert not (tmp_path / 'bag').exists()

@@ -3,41 +3,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from calib_model import cdr
 from calib_model.arm import Arm
+from calib_model.bag_descriptions import BagDescriptions
 from calib_model.bag_reader import BagMessage, read_messages
 from calib_model.bag_writer import BagWriter
-from calib_model.description import (
-    arm_yaml,
-    gauge_yaml,
-    parse_arm,
-    parse_gauge,
-    parse_probe,
-    probe_yaml,
-)
+from calib_model.description import arm_yaml, gauge_yaml, probe_yaml
 from calib_model.errors import BagError
 from calib_model.gauge import Gauge
 from calib_model.pose_block import decode_poses
 from calib_model.probe import Probe
 from calib_model.probing import Measurement, ProbingSet
 from calib_model.progress import Progress, paced
-from calib_model.topics import (
-    ARM_DESCRIPTION,
-    CAPTURE_POSES,
-    DESCRIPTIONS,
-    GAUGE_DESCRIPTION,
-    PROBE_DESCRIPTION,
-    STRING,
-    Topic,
-)
+from calib_model.topics import CAPTURE_POSES, DESCRIPTIONS
 
-T = TypeVar('T')
 LARGEST_POSE = 10_000  # bytes: of a hundred joints and a long frame
 LARGEST_SET = 400_000_000  # bytes: over two million poses
 
@@ -51,17 +35,17 @@ def read_measurement(
     """The measurement in a bag; a description given here takes the place of the bag's own.
 
     Raises:
-        BagError: no bag, a topic missing, or a message that cannot be read.
+        BagError: no bag, a topic missing, a message that cannot be read, or a description that
+            changes within the bag.
         DescriptionError: a description in the bag cannot be used.
         DataError: a pose does not fit the descriptions.
     """
-    wanted = {topic.name: topic.type for topic in (*DESCRIPTIONS, CAPTURE_POSES)}
-    texts: dict[str, str] = {}
+    described = BagDescriptions(path)
     poses: list[bytes] = []
     size = 0
-    for message in read_messages(path, set(wanted)):
-        _check_type(path, message, wanted[message.topic])
+    for message in read_messages(path, {topic.name for topic in (*DESCRIPTIONS, CAPTURE_POSES)}):
         if message.topic == CAPTURE_POSES.name:
+            _check_type(path, message, CAPTURE_POSES.type)
             size += len(message.data)
             if len(message.data) > LARGEST_POSE or size > LARGEST_SET:
                 raise BagError(
@@ -70,22 +54,13 @@ def read_measurement(
                 )
             poses.append(message.data)
         else:
-            texts[message.topic] = _decoded(path, STRING, message.topic, message.data, 1).data
-
-    def described(topic: Topic, parse: Callable[[str, str], T]) -> T:
-        if topic.name not in texts:
-            raise BagError(f'{path}: the bag has no topic {topic.name}')
-        return parse(texts[topic.name], f'{path}: {topic.name}')
-
+            described.take(message)
     if not poses:
         raise BagError(f'{path}: the bag has no messages on {CAPTURE_POSES.name}')
     measured = Measurement(
-        arm or described(ARM_DESCRIPTION, parse_arm),
-        probe or described(PROBE_DESCRIPTION, parse_probe),
-        gauge or described(GAUGE_DESCRIPTION, parse_gauge),
-        decode_poses(poses) or _one_by_one(path, poses),
-        str(path),
-    )
+        arm or described.arm(), probe or described.probe(), gauge or described.gauge(),
+        decode_poses(poses) or _one_by_one(path, poses), str(path),
+    )  # fmt: skip
     return measured.checked()
 
 

@@ -3,10 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
@@ -14,7 +13,6 @@ from calib_model.arm import Arm
 from calib_model.bag_files import listed_topics
 from calib_model.bag_reader import Told, read_note
 from calib_model.certificate_match import Certificate
-from calib_model.description import parse_arm, parse_gauge, parse_probe
 from calib_model.errors import BagError, ContactError, DataError
 from calib_model.gauge import Gauge
 from calib_model.kinematics import points
@@ -23,13 +21,12 @@ from calib_model.pairing_note import NOTE, settings_of
 from calib_model.probe import Probe
 from calib_model.probing import Measurement, ProbingSet
 from calib_model.raw_pairing import pair_streams
-from calib_model.raw_streams import RawBag, RawTopics, read_raw
+from calib_model.raw_streams import RawTopics, read_raw
 from calib_model.rotation import Array
 from calib_model.sphere_numbering import Numbering, numbered
 from calib_model.sphere_visits import Grouped, Grouping, SeenLocation
-from calib_model.topics import ARM_DESCRIPTION, GAUGE_DESCRIPTION, PROBE_DESCRIPTION, Topic
+from calib_model.topics import ARM_DESCRIPTION, GAUGE_DESCRIPTION, PROBE_DESCRIPTION
 
-T = TypeVar('T')
 MOST_STRAYS = 5  # that are told one by one
 
 
@@ -72,7 +69,8 @@ def sort_bag(
     """The poses of a bag with nothing but its raw topics, told apart by location and place.
 
     Raises:
-        BagError: no bag, a topic or a description missing, or no pose comes of it.
+        BagError: no bag, a topic or a description missing, one that changes within the bag, or no
+            pose comes of it.
         DescriptionError: a description in the bag cannot be used.
         DataError: no two spheres stand to one another as on the certificate.
     """
@@ -80,10 +78,10 @@ def sort_bag(
     if topics:
         _refuse_undescribed(path, given, topics)  # before hundreds of MB are read
     bag = read_raw(path, choice.topics, told)
-    _refuse_undescribed(path, given, bag.texts)
-    arm = given.arm or _described(bag, ARM_DESCRIPTION, parse_arm)
-    probe = given.probe or _described(bag, PROBE_DESCRIPTION, parse_probe)
-    gauge = given.gauge or _described(bag, GAUGE_DESCRIPTION, parse_gauge)
+    _refuse_undescribed(path, given, bag.described)
+    arm = given.arm or bag.described.arm()
+    probe = given.probe or bag.described.probe()
+    gauge = given.gauge or bag.described.gauge()
     unknown = [number for number in choice.spheres if number not in gauge.numbers]
     if unknown:
         raise DataError(f'{gauge.name}: no sphere {unknown[0]} on the certificate')
@@ -122,7 +120,7 @@ def sort_bag(
 
 
 def _refuse_undescribed(
-    path: str | Path, given: Instruments, there: Mapping[str, str]
+    path: str | Path, given: Instruments, there: Container[str]
 ) -> None:
     wanted = (
         ('arm', given.arm, ARM_DESCRIPTION), ('probe', given.probe, PROBE_DESCRIPTION),
@@ -134,10 +132,6 @@ def _refuse_undescribed(
         topics = ', '.join(topic for _, topic in missing)
         options = ' '.join(f'--{name} {name}.yaml' for name, _ in missing)
         raise BagError(f'{path}: the bag has no {topics}: give {options}')
-
-
-def _described(bag: RawBag, topic: Topic, parse: Callable[[str, str], T]) -> T:
-    return parse(bag.texts[topic.name], f'{bag.path}: {topic.name}')
 
 
 def _seen(

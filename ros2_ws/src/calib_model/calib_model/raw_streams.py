@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model import cdr
+from calib_model.bag_descriptions import BagDescriptions
 from calib_model.bag_files import listed_topics
 from calib_model.bag_reader import Told, read_messages
 from calib_model.errors import BagError
@@ -31,7 +31,6 @@ from calib_model.topics import (
     JOINT_STATE,
     JOINT_STATES,
     PROBE_DISPLACEMENTS,
-    STRING,
 )
 
 BLOCK = 20_000  # messages that are decoded together
@@ -72,11 +71,11 @@ class RawStreams:
 
 @dataclass
 class RawBag:
-    """A bag's raw streams as they were recorded, and the texts of its descriptions by topic."""
+    """A bag's raw streams as they were recorded, and what they are described by."""
 
     path: Path
     topics: RawTopics
-    texts: dict[str, str] = field(default_factory=dict)
+    described: BagDescriptions
     _joints: list[JointBlock] = field(default_factory=list)
     _readings: list[ReadingBlock] = field(default_factory=list)
 
@@ -184,7 +183,7 @@ def read_raw(path: str | Path, topics: RawTopics, told: Told | None = None) -> R
     """
     path = Path(path)
     refuse_topics(path, topics, listed_topics(path))
-    bag = RawBag(path, topics)
+    bag = RawBag(path, topics, BagDescriptions(path))
     blocks = {
         topics.joint_states: _Block(
             path, topics.joint_states, JOINT_STATE, lambda m: list(joint_blocks(m)), bag._joints
@@ -197,13 +196,14 @@ def read_raw(path: str | Path, topics: RawTopics, told: Told | None = None) -> R
     wanted = {*blocks, *(topic.name for topic in DESCRIPTIONS)}
     for message in read_messages(path, wanted, told=told):
         block = blocks.get(message.topic)
-        kind = STRING if block is None else block.kind
-        if message.type != kind:
-            raise BagError(f'{path}: topic {message.topic} has type {message.type}, not {kind}')
-        if block is not None:
-            block.add(message.data)
-        else:
-            bag.texts[message.topic] = _text(path, message.topic, message.data)
+        if block is None:
+            bag.described.take(message)
+            continue
+        if message.type != block.kind:
+            raise BagError(
+                f'{path}: topic {message.topic} has type {message.type}, not {block.kind}'
+            )
+        block.add(message.data)
     for block in blocks.values():
         block.decode()
     if not all(block.count for block in blocks.values()):
@@ -230,10 +230,3 @@ def refuse_topics(path: Path, topics: RawTopics, there: Mapping[str, str]) -> No
         raise BagError(
             f'{path}: no messages on {topic}, but on {", ".join(others)}: say which with --{option}'
         )
-
-
-def _text(path: Path, topic: str, data: bytes) -> str:
-    try:
-        return str(cdr.decode(STRING, data).data)
-    except ValueError as error:
-        raise BagError(f'{path}: {topic}: {error}') from error

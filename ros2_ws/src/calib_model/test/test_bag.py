@@ -11,6 +11,7 @@ from calib_model import cdr
 from calib_model.bag import read_measurement, write_descriptions, write_measurement
 from calib_model.bag_reader import read_messages
 from calib_model.bag_writer import BagWriter
+from calib_model.description import gauge_yaml
 from calib_model.errors import BagError, DataError, DescriptionError
 from calib_model.probing import Measurement
 from calib_model.topics import (
@@ -160,6 +161,27 @@ def test_a_description_that_cannot_be_used_is_named(measured: Measurement, tmp_p
         bag.write_message(CAPTURE_POSES, pose, 5)
     with pytest.raises(DescriptionError, match='/gauge_description: missing key'):
         read_measurement(tmp_path / 'bag')
+
+
+def test_a_description_that_changes_within_a_bag_is_refused(
+    measured: Measurement, tmp_path: Path
+) -> None:
+    pose = cdr.probing_pose(5, 'base', 1, 6, np.zeros(6), np.zeros(3), 1)
+    other = replace(measured.gauge, sphere_diameter=0.0221)
+    text = gauge_yaml(measured.gauge)
+    for name, said in (
+        ('same', text), ('in other words', f'# as before\n{text}'), ('other', gauge_yaml(other))
+    ):  # fmt: skip
+        with described(tmp_path / name, measured) as bag:
+            bag.write_message(CAPTURE_POSES, pose, 5)
+            bag.write_message(GAUGE_DESCRIPTION, cdr.string(said), 6)
+            bag.write_message(CAPTURE_POSES, pose, 7)
+    for name in ('same', 'in other words'):
+        assert read_measurement(tmp_path / name / 'bag').gauge == measured.gauge
+    with pytest.raises(BagError, match='bag: /gauge_description changes within the bag: which'):
+        read_measurement(tmp_path / 'other' / 'bag')
+    given = read_measurement(tmp_path / 'other' / 'bag', gauge=other)
+    assert (given.gauge, len(given.poses)) == (other, 2)
 
 
 def test_a_topic_of_another_type_is_named(measured: Measurement, tmp_path: Path) -> None:

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The descriptions in a bag: the same ones from its beginning to its end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+from calib_model import cdr
+from calib_model.arm import Arm
+from calib_model.bag_reader import BagMessage, read_messages
+from calib_model.description import (
+    arm_yaml,
+    gauge_yaml,
+    parse_arm,
+    parse_gauge,
+    parse_probe,
+    probe_yaml,
+)
+from calib_model.errors import BagError
+from calib_model.gauge import Gauge
+from calib_model.probe import Probe
+from calib_model.topics import (
+    ARM_DESCRIPTION,
+    DESCRIPTIONS,
+    GAUGE_DESCRIPTION,
+    PROBE_DESCRIPTION,
+    STRING,
+    Topic,
+)
+
+T = TypeVar('T')
+MOST_WORDINGS = 10  # of one description in one bag
+
+
+class BagDescriptions:
+    """Takes a bag's description messages and tells what they describe.
+
+    A recording repeats them whenever a node is started anew, and in every file of a capture that
+    was gone on with. Where they come to differ nobody knows which of them holds for a pose.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self._path = path
+        self._texts: dict[str, list[str]] = {}
+
+    def __contains__(self, topic: object) -> bool:
+        return topic in self._texts
+
+    def take(self, message: BagMessage) -> None:
+        """Take one message of one of the three topics.
+
+        Raises:
+            BagError: it is no text.
+        """
+        name = message.topic
+        if message.type != STRING:
+            raise BagError(f'{self._path}: topic {name} has type {message.type}, not {STRING}')
+        try:
+            text = str(cdr.decode(STRING, message.data).data)
+        except ValueError as error:
+            raise BagError(f'{self._path}: {name}: {error}') from error
+        texts = self._texts.setdefault(name, [])
+        if text not in texts and len(texts) <= MOST_WORDINGS:
+            texts.append(text)
+
+    def arm(self) -> Arm:
+        """The arm.
+
+        Raises:
+            BagError: the bag has none, or several.
+            DescriptionError: it cannot be used.
+        """
+        return self._described(ARM_DESCRIPTION, parse_arm, arm_yaml)
+
+    def probe(self) -> Probe:
+        """The probe; raises as `arm`."""
+        return self._described(PROBE_DESCRIPTION, parse_probe, probe_yaml)
+
+    def gauge(self) -> Gauge:
+        """The gauge; raises as `arm`."""
+        return self._described(GAUGE_DESCRIPTION, parse_gauge, gauge_yaml)
+
+    def _described(
+        self, topic: Topic, parse: Callable[[str, str], T], write: Callable[[T], str]
+    ) -> T:
+        if topic.name not in self._texts:
+            raise BagError(f'{self._path}: the bag has no topic {topic.name}')
+        texts = self._texts[topic.name]
+        first, *others = (parse(text, f'{self._path}: {topic.name}') for text in texts)
+        if len(texts) > MOST_WORDINGS or any(write(other) != write(first) for other in others):
+            raise BagError(
+                f'{self._path}: {topic.name} changes within the bag: '
+                'which description holds for which pose cannot be told'
+            )
+        return first
+
+
+def read_descriptions(path: str | Path) -> BagDescriptions:
+    """The descriptions of a bag.
+
+    Raises:
+        BagError: no bag, or a message that cannot be read.
+    """
+    found = BagDescriptions(path)
+    for message in read_messages(path, {topic.name for topic in DESCRIPTIONS}):
+        found.take(message)
+    return found
