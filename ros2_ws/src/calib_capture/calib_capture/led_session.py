@@ -14,7 +14,7 @@ from calib_capture.led_note import (
     clock_content,
     clock_line,
 )
-from calib_capture.moving import UNSURE, MovingPairing, PairedReading
+from calib_capture.moving import BRIDGED, UNSURE, MovingPairing, PairedReading
 from calib_capture.recorder import Recorder
 from calib_capture.session import BACK
 from calib_model import cdr
@@ -120,8 +120,10 @@ class LedSession:
         """What there is to say at the end, beside the counts."""
         late = self._pairing.late_joints if self._pairing is not None else 0
         back = self._pairing.steps_back if self._pairing is not None else 0
+        bridged = self._pairing.bridged if self._pairing is not None else 0
         parts = [f'{late} joint states out of order'] if late else []
         parts += [BACK.format(back)] if back else []
+        parts += [BRIDGED.format(bridged)] if bridged else []
         return '; '.join([*parts, self._clock_line]) + apart(*self._newest)
 
     def _pair_with(self, shift: int) -> None:

@@ -8,8 +8,9 @@ give the same poses live and from a bag.
 from __future__ import annotations
 
 from bisect import insort
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -27,6 +28,9 @@ from calib_model.raw_pairing import SEATED, SPACING
 from calib_model.rotation import Array
 
 LONGEST_WAIT = 60 * SECOND  # ns that one stream waits for the other
+STEP = SECOND // 10_000  # ns to which gaps between joint states are counted
+WIDE = 1.5  # of the usual gap: a joint state is missing there
+BRIDGED = '{} readings paired across missing joint states'
 NO_JOINTS = Reason.JOINTS_MISSING.value
 OUT_OF_ORDER = 'out of order'
 UNSURE = 'publisher started anew'
@@ -100,6 +104,7 @@ class MovingPairing:
     def __init__(self, settings: MovingSettings, shift: int = 0) -> None:
         self.late_joints = 0  # joint states whose place had been passed
         self.steps_back = 0  # how often the joints' stamps began anew
+        self._gaps: Counter[int] = Counter()  # between joint states that were used
         self._settings = settings
         self._shift = shift
         self._newest_joints = -1
@@ -149,6 +154,16 @@ class MovingPairing:
         self._waiting.clear()
         return settled
 
+    @property
+    def bridged(self) -> int:
+        """How many readings were paired across joint states that are missing: a moving arm is a
+        little beside the straight line there."""
+        gaps = sorted(self._gaps)
+        reached = accumulate(self._gaps[gap] for gap in gaps)
+        half = self._gaps.total() / 2
+        usual = next((gap for gap, so_far in zip(gaps, reached, strict=True) if so_far > half), 0)
+        return sum(self._gaps[gap] for gap in gaps if gap > WIDE * usual)
+
     def _fallen_back(self, newest: int, stamp: int) -> list[PairedReading]:
         if stamp >= newest - STEP_BACK:
             return []
@@ -178,6 +193,8 @@ class MovingPairing:
         joints = joints_at(around, reading.stamp, self._settings.max_gap)
         if joints is None:
             return self._refused(reading, NO_JOINTS)
+        if around[1].stamp > around[0].stamp:
+            self._gaps[round((around[1].stamp - around[0].stamp) / STEP)] += 1
         return PairedReading(reading.stamp - self._shift, joints, reading.displacement)
 
     def _refused(self, reading: Reading, reason: str) -> PairedReading:

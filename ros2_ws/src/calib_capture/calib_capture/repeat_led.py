@@ -10,7 +10,7 @@ import numpy as np
 
 from calib_capture.led import LedPose, LedRun, LedTally
 from calib_capture.led_note import LedNote, clock_line
-from calib_capture.moving import MovingPairing, PairedReading
+from calib_capture.moving import BRIDGED, MovingPairing, PairedReading
 from calib_capture.repeat import clock_of, read_raw
 from calib_capture.sphere_finder import SphereFinder
 from calib_model.clock_offset import ClockOffset
@@ -29,11 +29,13 @@ class RepeatedLed:
     late_joints: int
     clock: ClockOffset | None
     shift: int
+    bridged: int = 0  # readings paired across missing joint states
 
     def lines(self) -> list[str]:
         """The counts in words."""
         late = [f'{self.late_joints} joint states out of order'] if self.late_joints else []
-        return [self.tally.line(), *late, clock_line(self.clock, self.shift)]
+        bridged = [BRIDGED.format(self.bridged)] if self.bridged else []
+        return [self.tally.line(), *late, *bridged, clock_line(self.clock, self.shift)]
 
 
 def repeat_led(
@@ -68,7 +70,7 @@ def repeat_led(
     if not poses:
         raise BagError(f'{path}: no pose comes of it: {run.tally.line()}')
     measured = Measurement(raw.arm, raw.probe, raw.gauge, _probing_set(poses), str(path)).checked()
-    return RepeatedLed(measured, run.tally, pairing.late_joints, clock, shift)
+    return RepeatedLed(measured, run.tally, pairing.late_joints, clock, shift, pairing.bridged)
 
 
 def _probing_set(poses: list[LedPose]) -> ProbingSet:

@@ -58,6 +58,19 @@ def same(first, second):
     )
 
 
+def test_readings_paired_across_missing_joint_states_are_counted():
+    joints, readings = streams(probe_rate=1000.0)
+    whole, holed = MovingPairing(SETTINGS), MovingPairing(SETTINGS)
+    fed(whole, in_time(joints, readings))
+    assert whole.bridged == MovingPairing(SETTINGS).bridged == 0
+    left = [each for i, each in enumerate(joints) if i not in (50, 120, 121)]
+    paired = fed(holed, in_time(left, readings))
+    gaps = [(joints[49].stamp, joints[51].stamp), (joints[119].stamp, joints[122].stamp)]
+    across = [one for one in readings if any(a <= one.stamp <= b for a, b in gaps)]
+    assert holed.bridged == len(across) == 8 + 12
+    assert not any(each.reason for each in paired if each.stamp < joints[-1].stamp)
+
+
 def test_every_reading_has_the_joints_at_its_stamp():
     joints, readings = streams()
     paired = fed(MovingPairing(SETTINGS), in_time(joints, readings))
