@@ -22,6 +22,7 @@ from calib_model.rotation import Array, RigidTransform
 # one number each for: direction (2), spin, offset (2), its length, redundant joint
 CHOICES = 7
 TRIES_PER_POSE = 40
+BLOCK = 4096  # hands that are drawn together
 
 
 class Hands:
@@ -68,23 +69,25 @@ class Hands:
             DataError: the gauge has no such sphere.
         """
         p_base_sphere = T_base_gauge.apply(self._gauge.center(sphere))
-        even = self._even(key)
-        cap = cap_directions(even[:, 0], even[:, 1], self._settings.cap)
-        outward = cap @ T_base_gauge.rotation.T
-        offsets = offset_share * self._offsets(even)
         lower, upper = self._redundant
-        for row, direction, offset in zip(even, outward, offsets, strict=True):
-            T_base_probe = np.eye(4)
-            T_base_probe[:3, :3] = looking_along(-direction, 2 * np.pi * row[2])
-            p_probe_sphere = self._seat + offset
-            T_base_probe[:3, 3] = p_base_sphere - T_base_probe[:3, :3] @ p_probe_sphere
-            swept = float(lower + row[6] * (upper - lower))
-            yield Hand(T_base_probe @ self._T_probe_flange, p_probe_sphere, swept)
+        for even in self._even(key):
+            cap = cap_directions(even[:, 0], even[:, 1], self._settings.cap)
+            outward = cap @ T_base_gauge.rotation.T
+            offsets = offset_share * self._offsets(even)
+            for row, direction, offset in zip(even, outward, offsets, strict=True):
+                T_base_probe = np.eye(4)
+                T_base_probe[:3, :3] = looking_along(-direction, 2 * np.pi * row[2])
+                p_probe_sphere = self._seat + offset
+                T_base_probe[:3, 3] = p_base_sphere - T_base_probe[:3, :3] @ p_probe_sphere
+                swept = float(lower + row[6] * (upper - lower))
+                yield Hand(T_base_probe @ self._T_probe_flange, p_probe_sphere, swept)
 
-    def _even(self, key: tuple[int, ...]) -> Array:
+    def _even(self, key: tuple[int, ...]) -> Iterator[Array]:
         settings = self._settings
         count = TRIES_PER_POSE * settings.pool * settings.poses_per_sphere
-        return even_sequence(count, CHOICES, np.random.default_rng(key).random(CHOICES))
+        start = np.random.default_rng(key).random(CHOICES)
+        for begin in range(0, count, BLOCK):
+            yield even_sequence(min(BLOCK, count - begin), CHOICES, start, begin)
 
     def _offsets(self, even: Array) -> Array:
         """Where the sphere is held off the seat (N, 3), m; nowhere in a passive probe."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import tempfile
 from pathlib import Path
@@ -39,7 +40,7 @@ def import_csv(
         DataError: readings that fit no sphere of the gauge.
         BagError: there is something at `out` already, or it cannot be written.
     """
-    if out.exists() or out.is_symlink():
+    if os.path.lexists(out):
         raise BagError(f'{out}: exists already, a bag is never overwritten')
     arm = read_description(arm_file, parse_arm)
     probe = read_description(probe_file, parse_probe)

@@ -10,11 +10,13 @@ from calib_capture.moving import MovingSettings
 from calib_model.clock_offset import ClockOffset
 from calib_model.errors import BagError
 from calib_model.pairing import SECOND
+from calib_model.pairing_note import noted_number
 from calib_model.placement import parse_placements, placements_yaml
 from calib_model.rotation import RigidTransform
 
 LED_NOTE = 'calib_capture led'
 CLOCK_NOTE = 'calib_capture clock'
+MOST_SHIFT = 3600 * SECOND  # ns
 APART = SECOND  # ns between the newest stamps of both streams that are worth a word
 
 
@@ -40,17 +42,22 @@ class LedNote:
         """What a bag's note says; None when there is none.
 
         Raises:
-            BagError: it says something that is no number.
+            BagError: it says something that is no number, or none that makes sense.
             DescriptionError: its placements cannot be used.
         """
         if not note:
             return None
         try:
-            given = {each.name: float(note[each.name]) for each in fields(MovingSettings)}
+            given = {
+                each.name: noted_number(note, each.name, f'{source}: {LED_NOTE}')
+                for each in fields(MovingSettings)
+            }
             spheres = tuple(int(number) for number in note['spheres'].split())
             shift, places = int(note['shift']), note['placements']
         except (KeyError, ValueError) as error:
             raise BagError(f'{source}: {LED_NOTE}: {error}') from error
+        if not abs(shift) <= MOST_SHIFT:
+            raise BagError(f'{source}: {LED_NOTE}: a shift of {shift} ns')
         return LedNote(MovingSettings(**given), parse_placements(places, source), spheres, shift)
 
 

@@ -8,17 +8,17 @@ import numpy as np
 from calib_model.rotation import Array
 
 
-def even_sequence(count: int, dimensions: int, start: Array) -> Array:
+def even_sequence(count: int, dimensions: int, start: Array, skipped: int = 0) -> Array:
     """Points (count, dimensions) of the unit cube, each as far as can be from those before it.
 
     The additive recurrence on the generalised golden ratio; `start` (dimensions,) shifts it, so
-    that two spheres do not get the same orientations.
+    that two spheres do not get the same orientations. The first `skipped` points are left out.
     """
     ratio = 2.0
     for _ in range(32):
         ratio = (1 + ratio) ** (1 / (dimensions + 1))
     steps = ratio ** -np.arange(1, dimensions + 1)
-    points: Array = (start + np.outer(np.arange(1, count + 1), steps)) % 1.0
+    points: Array = (start + np.outer(np.arange(skipped + 1, skipped + count + 1), steps)) % 1.0
     return points
 
 

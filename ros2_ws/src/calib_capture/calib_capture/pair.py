@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import tempfile
 from argparse import Namespace
@@ -16,7 +17,8 @@ from calib_capture.repeat import Repeated, repeat_pairing
 from calib_capture.repeat_led import RepeatedLed, repeat_led
 from calib_model.bag import write_measurement
 from calib_model.bag_reader import read_note
-from calib_model.command import CommandParser, UsageError, run_command
+from calib_model.bounds import PAIRING
+from calib_model.command import CommandParser, UsageError, number_from, run_command
 from calib_model.description import read_description
 from calib_model.errors import BagError
 from calib_model.pairing import SteadySettings
@@ -91,7 +93,7 @@ def pair_led(raw: Path, out: Path, note: LedNote, correct_clock: bool = False) -
 
 
 def _refuse_existing(out: Path) -> None:
-    if out.exists() or out.is_symlink():
+    if os.path.lexists(out):
         raise BagError(f'{out}: exists already, a bag is never overwritten')
 
 
@@ -124,8 +126,9 @@ def _pair() -> None:
     parser.add_argument('--mode', choices=MODES, help='as captured')
     for name, text in (TOLD | OF_LED).items():
         parser.add_argument(
-            f'--{name.replace("_", "-")}', type=float, metavar='X', help=f'{text}; as captured'
-        )
+            f'--{name.replace("_", "-")}', type=number_from(*PAIRING[name]), metavar='X',
+            help=f'{text}; as captured',
+        )  # fmt: skip
     given = parser.parse_args()
     note = LedNote.read(read_note(given.raw, LED_NOTE), str(given.raw))
     led = given.mode == 'continuous' if given.mode else note is not None

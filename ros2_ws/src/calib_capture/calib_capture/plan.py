@@ -14,10 +14,12 @@ from calib_capture.configuration import FILES, configured
 from calib_capture.inspection import program_text
 from calib_capture.planner import Planner
 from calib_capture.program import Program, ProgramSettings
-from calib_model.command import CommandParser, UsageError, run_command
+from calib_model.command import CommandParser, number_from, run_command, whole_from
 from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.placement import parse_placements
 from calib_model.progress import Progress
+
+MOST_POSES, MOST_POOL = 100_000, 1000
 
 ABOUT = """\
 Plan the measuring program that `capture` with the same settings would run, and tell of it: how
@@ -61,22 +63,16 @@ def planned(given: argparse.Namespace) -> Program:
     default = ProgramSettings()
     settings = ProgramSettings(
         spheres=tuple(given.spheres or default.spheres),
-        poses_per_sphere=_positive('poses', given.poses),
+        poses_per_sphere=given.poses,
         cap=np.radians(given.cap),
         approach=given.approach,
-        pool=_positive('pool', given.pool),
+        pool=given.pool,
         bodies=bodies,
         seed=given.seed,
     )
     return Planner(arm, probe, gauge, settings).program(
         placements, given.locations or (), Progress(sys.stderr)
     )
-
-
-def _positive(name: str, number: int) -> int:
-    if number < 1:
-        raise UsageError(f'plan: --{name}: expected a number from 1, got {number}')
-    return number
 
 
 def _parser() -> CommandParser:
@@ -93,20 +89,20 @@ def _parser() -> CommandParser:
         help=f'to probe (default: {" ".join(map(str, default.spheres))})',
     )  # fmt: skip
     parser.add_argument(
-        '--poses', type=int, default=default.poses_per_sphere, metavar='N',
+        '--poses', type=whole_from(1, MOST_POSES), default=default.poses_per_sphere, metavar='N',
         help='postures around each sphere (default: %(default)s)',
     )  # fmt: skip
     parser.add_argument(
-        '--pool', type=int, default=default.pool, metavar='N',
+        '--pool', type=whole_from(1, MOST_POOL), default=default.pool, metavar='N',
         help='candidates for each pose, of which the most telling are taken (default: %(default)s; '
         '1: no choosing, planned in half the time)',
     )  # fmt: skip
     parser.add_argument(
-        '--cap', type=float, default=70.0, metavar='DEG',
+        '--cap', type=number_from(0, 180), default=70.0, metavar='DEG',
         help="around the gauge's z axis from which spheres are probed (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        '--approach', type=float, default=default.approach, metavar='M',
+        '--approach', type=number_from(0, 1), default=default.approach, metavar='M',
         help="way along the probe's axis by which the arm comes and leaves (default: %(default)s); "
         '0: straight from contact to contact, whatever is between',
     )  # fmt: skip
@@ -114,7 +110,7 @@ def _parser() -> CommandParser:
         '--bodies', type=Path, metavar='FILE.yaml',
         help='sizes of arm, probe and gauge, and where the floor is',
     )
-    parser.add_argument('--seed', type=int, default=default.seed, metavar='N')
+    parser.add_argument('--seed', type=whole_from(0, 2**62), default=default.seed, metavar='N')
     return parser
 
 

@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import argparse
 import importlib
-import math
 import re
 import sys
 import time
@@ -17,15 +15,15 @@ from ament_index_python import has_resource
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
 from calib_capture.playback import OfferedQos, Playback, Timing, offered_qos, read_playback
 from calib_model.bag_reader import BagMessage
-from calib_model.command import CommandParser, run_command
-from calib_model.errors import BagError
+from calib_model.command import CommandParser, number_from, run_command
+from calib_model.errors import BagError, ParameterError
 from calib_model.parameters_node import warn_of_unknown
+from calib_model.run_node import init, refuse_other_encodings
 
 SETTLED = 0.3  # s without a new subscriber after which those that will listen are taken to be there
 DELIVERY = 2.0  # s to wait at the end for what reliable subscribers have not acknowledged
@@ -154,16 +152,6 @@ def _profile(offered: OfferedQos) -> QoSProfile:
     )
 
 
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (value > 0 and math.isfinite(value)):
-        raise argparse.ArgumentTypeError(f'expected a number above zero, got {text}')
-    return value
-
-
 def main() -> int:
     """The command."""
     return run_command(_replay)
@@ -172,17 +160,23 @@ def main() -> int:
 def _replay() -> None:
     parser = CommandParser('replay', ABOUT, EXAMPLE)
     parser.add_argument('bag', metavar='BAG', type=Path, help="a bag's folder or .mcap file")
-    parser.add_argument('--rate', type=_positive, default=1.0, help='times as fast as recorded')
+    parser.add_argument(
+        '--rate', type=number_from(1e-3, 1e9), default=1.0, help='times as fast as recorded'
+    )
     parser.add_argument('--loop', action='store_true', help='from the start again, until Ctrl-C')
     parser.add_argument('--clock', action='store_true', help="publish the bag's time on /clock")
     parser.add_argument(
-        '--wait', type=_positive, default=2.0, metavar='S',
+        '--wait', type=number_from(0, 3600), default=2.0, metavar='S',
         help='longest time to wait for subscribers before playing (default: %(default)s)',
     )  # fmt: skip
-    given = parser.parse_args(remove_ros_args(sys.argv)[1:])
+    refuse_other_encodings(sys.argv)
+    try:
+        given = parser.parse_args(remove_ros_args(sys.argv)[1:])
+    except RuntimeError as error:  # what rcl raises for arguments that it cannot parse
+        raise ParameterError(str(error).partition(', at ')[0]) from error
     playback = read_playback(given.bag)
     # Ctrl-C is ours: it shall not take the graph away in the middle of a message
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    init(sys.argv)
     node = ReplayNode(playback, given.clock)
     warn_of_unknown(node)
     first, last = playback.span

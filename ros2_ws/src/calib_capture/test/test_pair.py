@@ -104,8 +104,9 @@ def test_settings_come_back_from_a_bag_bit_for_bit():
     asked = SteadySettings(settle=0.1 + 0.2, dwell=1 / 3, min_readings=5, lateness=1e-3)
     assert settings_of(note_of(asked)) == asked
     assert settings_of({}) == SteadySettings()
-    with pytest.raises(BagError, match="dwell is 'x', no number"):
-        settings_of({'dwell': 'x'})
+    for value in ('x', 'nan', 'inf', '-1', '1e9'):
+        with pytest.raises(BagError, match=f"dwell is '{value}', expected a number from 0 to 60"):
+            settings_of({'dwell': value})
 
 
 def said(monkeypatch, capsys, main, *arguments):

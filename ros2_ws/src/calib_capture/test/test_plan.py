@@ -135,7 +135,7 @@ def test_the_command_prints_the_text(capsys, monkeypatch):
 @pytest.mark.parametrize(
     ('arguments', 'line'),
     [
-        (['--poses', '0'], '--poses: expected a number from 1, got 0'),
+        (['--poses', '0'], "--poses: expected a whole number from 1 to 100000, got '0'"),
         (['--locations', '12'], 'location 12 has no place'),
         (['--bodies', 'nowhere.yaml'], 'nowhere.yaml: cannot be read'),
         (['--spheres', '77', '--poses', '1'], 'no sphere 77'),

@@ -202,9 +202,9 @@ def with_type(tmp_path: Path, kind: str) -> Path:
     [
         (['none'], 'none: no such bag'),
         ([], 'the following arguments are required: BAG'),
-        (['none', '--rate', '0'], 'argument --rate: expected a number above zero, got 0'),
-        (['none', '--rate', 'nan'], 'argument --rate: expected a number above zero, got nan'),
-        (['none', '--rate', 'x'], 'argument --rate: expected a number above zero, got x'),
+        (['none', '--rate', '0'], "--rate: expected a number from 0.001 to 1e+09, got '0'"),
+        (['none', '--rate', 'nan'], "--rate: expected a number from 0.001 to 1e+09, got 'nan'"),
+        (['none', '--rate', 'x'], "--rate: expected a number from 0.001 to 1e+09, got 'x'"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(

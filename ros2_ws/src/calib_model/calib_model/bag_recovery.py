@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
@@ -81,7 +82,7 @@ def recover(bad: str | Path, out: str | Path, progress: Progress | None = None) 
         BagError: no bag at `bad`, nothing in it to be had, or `out` exists or cannot be written.
     """
     bad, out = Path(bad), Path(out)
-    if out.exists() or out.is_symlink():
+    if os.path.lexists(out):
         raise BagError(f'{out}: exists already, a bag is never overwritten')
     files, found = _files_of(bad), Recovery()
     try:

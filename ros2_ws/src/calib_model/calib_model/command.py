@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import argparse
+import io
+import math
 import os
 import sys
-from collections.abc import Callable
-from typing import NoReturn
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
 
 from calib_model.errors import CalibrationError
 
@@ -35,23 +37,87 @@ class CommandParser(argparse.ArgumentParser):
         """Raise the UsageError."""
         raise UsageError(f'{self.prog}: {message} (--help says more)')
 
+    def parse_known_args(  # type: ignore[override]
+        self, args: Sequence[str] | None = None, namespace: Any = None
+    ) -> Any:
+        """As argparse does it, but for `--option=--`, of which older ones make an empty list."""
+        words = sys.argv[1:] if args is None else list(args)
+        for word in words:
+            if word.startswith('-') and word.endswith('=--'):
+                self.error(f"argument {word[:-3]}: expected a value, got '--'")
+        return super().parse_known_args(words, namespace)
+
+
+def number_from(least: float, most: float) -> Callable[[str], float]:
+    """The type of an argument that is a number from `least` to `most`."""
+
+    def read(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not least <= value <= most:
+            raise argparse.ArgumentTypeError(
+                f'expected a number from {least:g} to {most:g}, got {text!r}'
+            )
+        return value
+
+    return read
+
+
+def whole_from(least: int, most: int) -> Callable[[str], int]:
+    """The type of an argument that is a whole number from `least` to `most`."""
+
+    def read(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = least - 1
+        if not least <= value <= most:
+            raise argparse.ArgumentTypeError(
+                f'expected a whole number from {least} to {most}, got {text!r}'
+            )
+        return value
+
+    return read
+
 
 def run_command(work: Callable[[], int | None]) -> int:
     """Do the work of a command and return its exit code.
 
     `work` returns an exit code, None for 0. A CalibrationError is printed as one line on stderr
-    and gives 2; Ctrl-C gives 130; a reader that has gone away (`| head`) ends it quietly.
+    and gives 2, and so do a system call that failed and too little memory; Ctrl-C gives 130; a
+    reader that has gone away (`| head`) ends it quietly.
     """
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # names of files need not be text in the encoding of the terminal
+        sys.stdout.reconfigure(errors='backslashreplace')
     try:
         code = work()
-        sys.stdout.flush()
+        if sys.stdout is not None:  # None where it was closed before
+            sys.stdout.flush()
     except CalibrationError as error:
-        print(error, file=sys.stderr)
-        return BAD_INPUT
+        return _refused(error)
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:
-        # else the interpreter meets the broken pipe again when it flushes at exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard_output()
         return 0
+    except OSError as error:
+        _discard_output()
+        where = error.filename or 'output'
+        return _refused(CalibrationError(f'{where}: {error.strerror or error}'))
+    except MemoryError as error:
+        return _refused(CalibrationError(f'not enough memory: {error}'))
     return code or 0
+
+
+def _refused(error: CalibrationError) -> int:
+    print(error, file=sys.stderr)
+    return BAD_INPUT
+
+
+def _discard_output() -> None:
+    """Else the interpreter meets a broken pipe or a full disk again when it flushes at exit."""
+    if sys.stdout is not None:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

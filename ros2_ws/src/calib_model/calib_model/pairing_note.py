@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, fields, replace
 
+from calib_model.bounds import PAIRING
 from calib_model.errors import BagError
 from calib_model.pairing import SteadySettings
 
@@ -21,14 +23,29 @@ def settings_of(note: Mapping[str, str]) -> SteadySettings:
     """The settings from a bag's note; what it does not say is as by default.
 
     Raises:
-        BagError: one of them is no number.
+        BagError: one of them is no number, or none that makes sense.
     """
     given: dict[str, float] = {}
     for each in fields(SteadySettings):
-        try:
-            if each.name in note:
-                number = float(note[each.name])
-                given[each.name] = int(number) if each.name == 'min_readings' else number
-        except ValueError as error:
-            raise BagError(f'{NOTE}: {each.name} is {note[each.name]!r}, no number') from error
+        if each.name in note:
+            number = noted_number(note, each.name, NOTE)
+            given[each.name] = int(number) if each.name == 'min_readings' else number
     return replace(SteadySettings(), **given)  # type: ignore[arg-type]
+
+
+def noted_number(note: Mapping[str, str], name: str, source: str) -> float:
+    """A setting of pairing as a bag's note has it.
+
+    Raises:
+        BagError: it is no number, or none that makes sense.
+    """
+    least, most = PAIRING[name]
+    try:
+        number = float(note[name])
+    except ValueError:
+        number = math.nan
+    if not least <= number <= most:
+        raise BagError(
+            f'{source}: {name} is {note[name]!r}, expected a number from {least:g} to {most:g}'
+        )
+    return number

@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from calib_model.command import CommandParser
+from calib_model.command import CommandParser, UsageError
 from calib_model.errors import ParameterError
 from calib_model.parameters_node import Sheet, warn_of_unknown
 
@@ -49,6 +49,7 @@ class NodeCommand:
         Raises:
             UsageError: an argument that is neither ROS's nor ours.
         """
+        refuse_other_encodings(argv)
         try:
             given = remove_ros_args(argv)[1:]
         except RuntimeError:  # rcl's; it says it better when the node starts
@@ -60,6 +61,31 @@ class NodeCommand:
         parser = CommandParser(self.name, self.about, end)
         parser.usage = f'ros2 run {self.package} {self.name} [-h] [--ros-args -p NAME:=VALUE ...]'
         parser.parse_args(given)
+
+
+def refuse_other_encodings(argv: list[str]) -> None:
+    """Raise where rcl would: it takes UTF-8 alone, also for the names of files.
+
+    Raises:
+        UsageError: names the argument.
+    """
+    for word in argv:
+        try:
+            word.encode()
+        except UnicodeEncodeError as error:
+            raise UsageError(f'argument {word!r}: expected UTF-8') from error
+
+
+def init(argv: list[str]) -> None:
+    """Start rclpy without its signal handlers.
+
+    Raises:
+        ParameterError: arguments that rcl cannot parse.
+    """
+    try:
+        rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # what rcl raises for arguments that it cannot parse
+        raise ParameterError(str(error).partition(', at ')[0]) from error
 
 
 class _Stop:
@@ -101,10 +127,7 @@ def run_node(
     """
     stop = _Stop()
     command.parse(sys.argv)
-    try:
-        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # what rcl raises for arguments that it cannot parse
-        raise ParameterError(str(error).partition(', at ')[0]) from error
+    init(sys.argv)
     try:
         _spin(make(), executor(), stop)
     except (InvalidParameterTypeException, InvalidParameterValueException) as error:

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from calib_model.command import CommandParser, run_command
+from calib_model.command import CommandParser, number_from, run_command, whole_from
 from calib_model.errors import CalibrationError
 
 
@@ -57,3 +57,62 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
     assert command.stderr is not None
     with command.stderr:
         assert command.stderr.read() == b''
+
+
+@pytest.mark.parametrize('error', [OSError(28, 'No space left on device'), MemoryError('of 9 GiB')])
+def test_what_the_machine_refuses_is_one_line_too(
+    error: Exception,
+) -> None:
+    code = (
+        'import sys; from calib_model.command import run_command\n'
+        f'def work(): print("half"); raise {type(error).__name__}{error.args}\n'
+        'sys.exit(run_command(work))'
+    )
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr.count('\n')) == (2, 1)
+    assert str(error.args[-1]) in done.stderr
+
+
+def test_a_full_disk_behind_the_output_is_one_line() -> None:
+    code = (
+        'import sys; from calib_model.command import run_command\n'
+        'sys.exit(run_command(lambda: print("figures")))'
+    )
+    with open('/dev/full', 'w') as full:
+        done = subprocess.run(
+            [sys.executable, '-c', code], stdout=full, stderr=subprocess.PIPE, text=True,
+            check=False,
+        )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr == 'output: No space left on device\n'
+
+
+def test_a_name_that_is_no_text_is_printed_all_the_same() -> None:
+    code = (
+        'import sys; from calib_model.command import run_command\n'
+        'sys.exit(run_command(lambda: print(sys.argv[1])))'
+    )
+    done = subprocess.run([sys.executable, '-c', code, b'a\xff'], capture_output=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, b'a\\udcff\n', b'')
+
+
+@pytest.mark.parametrize(
+    ('word', 'said'),
+    [
+        ('--share=2', "expected a number from 0 to 1, got '2'"),
+        ('--share=nan', "expected a number from 0 to 1, got 'nan'"),
+        ('--count=1.5', "expected a whole number from 1 to 9, got '1.5'"),
+        ('--count=10', "expected a whole number from 1 to 9, got '10'"),
+        ('--count=--', "--count: expected a value, got '--'"),
+    ],
+)
+def test_numbers_out_of_range_name_their_option(
+    word: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    parser = CommandParser('measure', 'About.', 'example: measure')
+    parser.add_argument('--share', type=number_from(0, 1))
+    parser.add_argument('--count', type=whole_from(1, 9))
+    assert run_command(lambda: parser.parse_args([word]) and None) == 2
+    err = capsys.readouterr().err
+    assert said in err and err.count('\n') == 1
+    assert parser.parse_args(['--share', '0.5', '--count', '9']).count == 9

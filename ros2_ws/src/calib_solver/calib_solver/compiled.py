@@ -10,6 +10,7 @@ from functools import cache
 
 import numpy as np
 
+from calib_model.errors import ParameterError
 from calib_model.parameters import ParameterTable
 from calib_model.rotation import Array, left_jacobian, rotation_matrix
 from calib_solver.problem import IntArray, Problem
@@ -46,8 +47,15 @@ def available(problem: Problem) -> bool:
 
 @cache
 def threads() -> int:
-    """Cores this process may use; `CALIB_THREADS` sets another number."""
-    return int(os.environ.get('CALIB_THREADS', '0')) or len(os.sched_getaffinity(0))
+    """Cores this process may use; `CALIB_THREADS` sets another number.
+
+    Raises:
+        ParameterError: it is none.
+    """
+    given = os.environ.get('CALIB_THREADS', '') or '0'
+    if not given.isdecimal() or len(given) > 4:
+        raise ParameterError(f'CALIB_THREADS: expected a number of threads, got {given!r}')
+    return int(given) or len(os.sched_getaffinity(0))
 
 
 @cache

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from argparse import Namespace
 
-from calib_model.command import CommandParser, UsageError
+from calib_model.bounds import PAIRING
+from calib_model.command import CommandParser, UsageError, number_from
 from calib_model.raw_measurement import RawChoice
 from calib_model.raw_streams import RawTopics
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
@@ -47,8 +48,9 @@ def add_raw_arguments(parser: CommandParser) -> None:
     )  # fmt: skip
     for name, text in SETTINGS.items():
         group.add_argument(
-            f'--{name.replace("_", "-")}', type=float, metavar='X', help=f'{text} (as captured)'
-        )
+            f'--{name.replace("_", "-")}', type=number_from(*PAIRING[name]), metavar='X',
+            help=f'{text} (as captured)',
+        )  # fmt: skip
     group.add_argument(
         '--raw', action='store_true', help='take bags for raw ones that have poses, too'
     )
@@ -63,9 +65,6 @@ def raw_choice(given: Namespace) -> RawChoice:
     if given.motion not in MOTIONS:
         raise UsageError(f'--motion: expected one of {", ".join(MOTIONS)}, got {given.motion!r}')
     chosen = {name: getattr(given, name) for name in SETTINGS if getattr(given, name) is not None}
-    for name, value in chosen.items():
-        if not value >= 0:
-            raise UsageError(f'--{name.replace("_", "-")}: expected no negative number')
     if len(set(given.spheres)) < len(given.spheres):
         raise UsageError('--spheres: a number is there twice')
     topics = RawTopics(given.joint_states, given.displacements, tuple(given.joints))

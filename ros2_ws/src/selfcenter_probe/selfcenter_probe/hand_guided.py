@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import tempfile
 import time
@@ -161,7 +162,7 @@ def run(argv: Sequence[str] | None = None) -> None:
         CalibrationError: anything that keeps it from being done.
     """
     given = arguments().parse_args(argv)
-    if given.out.exists() or given.out.is_symlink():
+    if os.path.lexists(given.out):
         raise BagError(f'{given.out}: exists already, a bag is never overwritten')
     scene = read_scene(given.probe, {name: getattr(given, name) for name in FILES})
     settings = checked(given, scene)
