@@ -5,7 +5,6 @@ and the gauge are as described, so what is right is known."""
 
 from __future__ import annotations
 
-import os
 import signal
 import time
 from pathlib import Path
@@ -15,7 +14,9 @@ import pytest
 
 rclpy = pytest.importorskip('rclpy', reason='no ROS 2 here')
 pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
+from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
 
 from calib_bringup.processes import Child, Children, graph_environment  # noqa: E402
 from calib_model.bag import read_measurement  # noqa: E402
@@ -30,6 +31,7 @@ PLACES = CONFIG / 'locations/kr5.yaml'
 ARM, PROBE = 'calib_capture.arm_node', 'selfcenter_probe.probe_node'
 CAPTURE = 'calib_capture.capture_node'
 RIGHT = 1e-6  # m: what PSDs of 16 bits round to is less
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 pytestmark = pytest.mark.timeout(120)
 
 
@@ -49,11 +51,13 @@ class Graph:
         child = Child(name, module, given, self.env, self.folder / f'{name}.log')
         return self._children.start(child)
 
-    def arm(self, name: str = 'arm', *more: str, scale: float = 5.0) -> Child:
-        return self.start(name, ARM, *more, time_scale=scale)
+    def arm(
+        self, name: str = 'arm', *more: str, scale: float = 5.0, **described: object
+    ) -> Child:
+        return self.start(name, ARM, *more, time_scale=scale, **described)
 
-    def probe(self, name: str = 'probe', *more: str) -> Child:
-        return self.start(name, PROBE, *more, world=self.world)
+    def probe(self, name: str = 'probe', *more: str, **described: object) -> Child:
+        return self.start(name, PROBE, *more, world=self.world, **described)
 
     def capture(self, name: str = 'capture', poses: int = 6, **asked: object) -> Child:
         return self.start(name, CAPTURE, **{
@@ -110,27 +114,42 @@ def graph(domain, tmp_path):
         yield Graph(children, domain, tmp_path)
 
 
-@pytest.fixture
-def gripper(graph):
-    """Another publisher of joint states, of a joint that is not the arm's."""
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=int(graph.env['ROS_DOMAIN_ID']))
-    node = rclpy.create_node('gripper', context=context)
-    publisher = node.create_publisher(JointState, '/joint_states', 10)
-    executor = rclpy.executors.SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    node.create_timer(0.01, lambda: publisher.publish(JointState(name=['jaw'], position=[0.01])))
+class Peer:
+    """A node of the test's own on the graph."""
 
-    def spin(seconds: float) -> None:
+    def __init__(self, domain: int) -> None:
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node('gripper', context=self.context)
+        self._executor = rclpy.executors.SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+
+    def spin(self, seconds: float) -> None:
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            executor.spin_once(timeout_sec=0.02)
+            self._executor.spin_once(timeout_sec=0.02)
 
-    yield spin
-    executor.shutdown()
-    node.destroy_node()
-    rclpy.shutdown(context=context)
+    def close(self) -> None:
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture
+def peer(graph, monkeypatch):
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    peer = Peer(int(graph.env['ROS_DOMAIN_ID']))
+    yield peer
+    peer.close()
+
+
+@pytest.fixture
+def gripper(peer):
+    """Another publisher of joint states, of a joint that is not the arm's."""
+    publisher = peer.node.create_publisher(JointState, '/joint_states', 10)
+    message = JointState(name=['jaw'], position=[0.01])
+    peer.node.create_timer(0.01, lambda: publisher.publish(message))
+    return peer.spin
 
 
 @pytest.mark.parametrize(
@@ -209,6 +228,54 @@ def test_a_probe_that_stays_away_ends_it_with_a_line_and_it_is_gone_on_with_late
     assert code == 0, graph.said(again)
     assert f'bag: {there} poses are there already' in graph.said(again)
     assert graph.right() == 80
+
+
+CHANGES = (
+    ('gauge', 'gauges/ball_bar_kr5.yaml', 'sphere_diameter: 0.022', 'sphere_diameter: 0.0221'),
+    ('probe', 'probes/active_trihedron.yaml', 'translation: [0.0, 0.0, 0.1]',
+     'translation: [0.0, 0.001, 0.1]'),
+    ('arm', 'arms/kuka_kr5_sixx_r650.yaml', 'a: 0.27', 'a: 0.2701'),
+)  # fmt: skip
+
+
+def test_another_description_ends_the_capture_with_a_line_and_no_pose_is_of_both(graph, peer):
+    """Arm and probe are killed in mid-capture and started anew with another one."""
+    nodes = {'arm': graph.arm(scale=0), 'probe': graph.probe()}
+    for what, file, value, other in CHANGES:
+        bag = graph.folder / f'of_one_{what}'
+        capture = graph.capture(bag.name, poses=400, output=bag)
+        graph.until(capture, lambda name=bag.name: graph.poses(name) > 5)
+        text = (CONFIG / file).read_text()
+        assert value in text
+        changed = graph.folder / f'other_{what}.yaml'
+        changed.write_text(text.replace(value, other))
+        if what in nodes:
+            nodes[what].process.kill()
+            nodes[what].process.wait(10)
+            time.sleep(0.3)  # for what was under way
+        began = time.time_ns()
+        if what in nodes:
+            begin = graph.arm if what == 'arm' else graph.probe
+            nodes[what] = begin(f'other_{what}', **{what: changed})
+        else:
+            latched = peer.node.create_publisher(String, '/gauge_description', LATCHED)
+            latched.publish(String(data=changed.read_text()))
+        while capture.process.poll() is None:
+            peer.spin(0.1)
+        code, line = graph.ended(capture)
+        assert code == 2
+        assert f'{what}: /{what}_description: another {what} than before is described' in line
+        assert line.endswith('; start the capture anew for it')
+        taken = [each for each in read_messages(bag) if each.topic == '/capture/poses']
+        assert graph.right(bag.name) == len(taken) > 5
+        if what in nodes:
+            assert max(each.log_time for each in taken) < began
+        else:
+            peer.node.destroy_publisher(latched)
+    code, line = graph.ended(graph.capture('resumed', output=bag, resume='true'))
+    assert code == 2
+    assert line.endswith('arm: was captured with another arm description, not gone on with')
+    assert graph.right(bag.name) == len(taken)
 
 
 def test_of_two_captures_the_second_is_told_and_the_first_goes_on(graph):

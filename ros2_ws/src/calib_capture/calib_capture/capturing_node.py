@@ -18,7 +18,7 @@ from calib_capture.led_session import LedSession
 from calib_capture.measuring_node import TICK, CaptureNode
 from calib_capture.program import Program
 from calib_capture.resume import Begun, begun, remaining
-from calib_capture.run import RunError, Tally
+from calib_capture.run import RunError, SourceError, Tally
 from calib_capture.session import CaptureSession
 from calib_capture.showing_node import Showing
 from calib_model.bag_reader import read_note
@@ -198,7 +198,7 @@ class Capturing:
         if stopped:
             raise Stopped(summary)
         if failure:
-            silent = self._node.silent()
+            silent = '' if isinstance(failure, SourceError) else self._node.silent()
             raise RunError(f'{output}: {failure}' + (f'; waited for {silent}' if silent else ''))
         if not self.tally.taken + there.taken:
             raise RunError(f'{output}: no pose was taken: {self.tally.line()}{remarks}')

@@ -79,9 +79,9 @@ class LedSession:
         self._newest[1] = reading.stamp
         self._take(reading)
 
-    def doubt(self, topic: Topic, raw: bytes) -> None:
-        """A message has come that may be another publisher's: it is recorded and not paired."""
-        self.recorder.raw(topic, raw, self._wall())
+    def doubt(self, topic: Topic) -> None:
+        """A message has come that may be of another arm or probe than the bag's: it is left out of
+        the bag, too, so that nobody pairs it later."""
         self._heard = self._clock()
         if self._pairing is not None:
             self._paired += self._pairing.doubt()

@@ -26,7 +26,7 @@ from calib_capture.planner import Planner
 from calib_capture.program import Program
 from calib_capture.publishers import Numbered, Origin, Publishers, several
 from calib_capture.recorder import Recorder
-from calib_capture.run import MeasuringRun, RunError
+from calib_capture.run import MeasuringRun, RunError, SourceError
 from calib_capture.session import CaptureSession
 from calib_capture.sphere_finder import SphereFinder
 from calib_capture.trajectory import Trajectory
@@ -53,6 +53,7 @@ TICK = 0.02  # s
 SILENT = 2.0  # s without a message after which one is waited for
 DEEP = 5000  # messages of a led arm that wait while a disk is slow: it does not stop for us
 DESCRIPTIONS = {'arm': ARM_DESCRIPTION, 'probe': PROBE_DESCRIPTION, 'gauge': GAUGE_DESCRIPTION}
+DESCRIBED_BY = {JOINT_STATES: ('arm',), PROBE_DISPLACEMENTS: ('probe', 'gauge')}
 
 
 class CaptureNode(Node):
@@ -67,6 +68,7 @@ class CaptureNode(Node):
         super().__init__('capture')
         self._origins = {JOINT_STATES: Publishers(), PROBE_DISPLACEMENTS: Publishers()}
         self._texts: dict[str, str] = {}
+        self._told: dict[str, float] = {}  # when each was described last, s
         self._heard = dict.fromkeys(self._origins, 0.0)
         self._changed: set[str] = set()  # what is described in another way than before
         self.asked = ParameterReader(self).read()
@@ -91,6 +93,7 @@ class CaptureNode(Node):
 
     def _subscribe_description(self, key: str, topic: Topic) -> None:
         def keep(message: String) -> None:
+            self._told[key] = time.monotonic()
             if self._texts.setdefault(key, message.data) != message.data:
                 self._changed.add(key)
 
@@ -172,15 +175,15 @@ class CaptureNode(Node):
         """Nothing, while each stream comes from one publisher, and each description stays.
 
         Raises:
-            RunError: one comes from several, or another description has come; names the nodes.
+            SourceError: one comes from several, or another description came; names the nodes.
         """
         for topic, origin in self._origins.items():
             if origin.origin is Origin.SEVERAL:
                 origin.forget()  # the next goal finds out anew
-                raise RunError(several(topic.name, self._publishers_of(topic)))
+                raise SourceError(several(topic.name, self._publishers_of(topic)))
         for key in sorted(self._changed):
             topic = DESCRIPTIONS[key]
-            raise RunError(
+            raise SourceError(
                 f'{topic.name}: another {key} than before is described there, by '
                 f'{self._publishers_of(topic)}; start the capture anew for it'
             )
@@ -269,13 +272,24 @@ class CaptureNode(Node):
     def _announce(self, pose: bytes) -> None:
         self._poses.publish(pose)
 
+    def _origin(self, topic: Topic, number: int | None) -> Origin:
+        """Of the message of that number; unsure while a publisher that was started anew, perhaps
+        with something else, may still have to describe it."""
+        now = time.monotonic()
+        origin = self._origins[topic].see(number, now)
+        left = self._origins[topic].left(now)
+        told = [self._told[key] for key in DESCRIBED_BY[topic] if key in self._told]
+        if origin is Origin.ONE and left is not None and any(when < left for when in told):
+            return Origin.UNSURE
+        return origin
+
     def _on_joints(self, raw: bytes, number: int | None) -> None:
         state = deserialize_message(raw, JointState)
         joints = joints_of(state, self._joint_names)
         if joints is None:
             self._origins[JOINT_STATES].pass_by(number)
             return
-        origin = self._origins[JOINT_STATES].see(number, time.monotonic())
+        origin = self._origin(JOINT_STATES, number)
         sample = JointSample(stamp_of(state.header), joints)
         self._sampled, self._heard[JOINT_STATES] = True, time.monotonic()
         if self.watch is not None and origin is Origin.ONE:
@@ -287,7 +301,7 @@ class CaptureNode(Node):
 
     def _on_reading(self, raw: bytes, number: int | None) -> None:
         self._read, self._heard[PROBE_DISPLACEMENTS] = True, time.monotonic()
-        origin = self._origins[PROBE_DISPLACEMENTS].see(number, time.monotonic())
+        origin = self._origin(PROBE_DISPLACEMENTS, number)
         if self._session is None and self.watch is None and not self._led:
             return
         message = deserialize_message(raw, StylusDisplacements)
@@ -306,7 +320,7 @@ class CaptureNode(Node):
             return
         if origin is not Origin.ONE:
             of_arm = isinstance(message, JointSample)
-            self._session.doubt(JOINT_STATES if of_arm else PROBE_DISPLACEMENTS, raw)
+            self._session.doubt(JOINT_STATES if of_arm else PROBE_DISPLACEMENTS)
         elif isinstance(message, JointSample):
             self._session.take_joints(message, raw)
         else:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable
 from enum import Enum
@@ -13,6 +14,8 @@ FALLS = 3  # of the numbers within
 WITHIN = 30.0  # s: more publishers than one; no driver is started anew so often
 CLEAR = 1.0  # s without a fall after which a publisher counts as started anew
 ENOUGH = 5  # messages that must have come in that time
+LATCHED = 5.0  # s that a description may come after the stream of the same node: discovery has gone
+# either way by then, and a heartbeat, every 3 s, has told of what was missed
 
 
 class Origin(Enum):
@@ -36,6 +39,7 @@ class Publishers:
         self._newest = -1
         self._falls: deque[float] = deque(maxlen=FALLS)
         self._since = 0  # messages since the last fall
+        self._heard = self._left = -math.inf
         self.lost = 0  # messages of which the numbers tell, and that did not come
         self.origin = Origin.ONE
 
@@ -49,9 +53,11 @@ class Publishers:
         if number <= self._newest:
             self._falls.append(now)
             self._since = 0
+            self._left = self._heard
         elif self._newest >= 0:
             self.lost += number - self._newest - 1
         self._newest = number
+        self._heard = now
         self._since += 1
         self.origin = self._judged(now)
         return self.origin
@@ -64,6 +70,13 @@ class Publishers:
         if self._falls and (now - self._falls[-1] < CLEAR or self._since < ENOUGH):
             return Origin.UNSURE
         return Origin.ONE
+
+    def left(self, now: float) -> float | None:
+        """When the publisher before this one was last heard (s); None without one of late.
+
+        What was described before then was described by that one.
+        """
+        return self._left if self._falls and now - self._falls[-1] < LATCHED else None
 
     def pass_by(self, number: int | None) -> None:
         """A message of the topic that is not of this stream, by the same publisher or another."""

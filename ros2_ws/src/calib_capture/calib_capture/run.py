@@ -31,6 +31,10 @@ class RunError(CalibrationError):
     """A measuring run that cannot go on."""
 
 
+class SourceError(RunError):
+    """A run that cannot go on because of who publishes, however well."""
+
+
 @dataclass(frozen=True)
 class RunSettings:
     """How poses are commanded: `batch` at a time, each held for `hold` s.

@@ -16,7 +16,7 @@ from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS, Topic
 
 Clock = Callable[[], float]
 BACK = 'stamps of the joints began anew: {}'
-UNSURE = '{} messages not paired around a publisher started anew'
+UNSURE = '{} messages left out around a publisher started anew'
 STALE = 1.0  # s without a message of one stream: it is waited for, the arm told nothing
 SAVE_WITHIN = 0.02  # s: accepted poses that come closer together share a flush
 
@@ -75,9 +75,9 @@ class CaptureSession:
             self._estimate.see_reading(reading)
         self._go_on(self.pairing.add_reading(reading))
 
-    def doubt(self, topic: Topic, raw: bytes) -> None:
-        """A message has come that may be another publisher's: it is recorded and not paired."""
-        self.recorder.raw(topic, raw, self._wall())
+    def doubt(self, _: Topic) -> None:
+        """A message has come that may be of another arm or probe than the bag's: it is left out of
+        the bag, too, so that nobody pairs it later."""
         self.unsure += 1
         self.pairing.doubt()
         self.run.excuse()

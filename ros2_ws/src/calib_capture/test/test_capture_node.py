@@ -5,18 +5,24 @@ from __future__ import annotations
 
 import signal
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 pytest.importorskip('rclpy', reason='no ROS 2 here')
 pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
+from calib_interfaces.msg import StylusDisplacements  # noqa: E402
 from perfect_probe import PerfectProbe  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
 
-from calib_capture.messages import stamp_of  # noqa: E402
+from calib_capture.messages import qos_of, stamp_of  # noqa: E402
+from calib_capture.publishers import CLEAR  # noqa: E402
 from calib_model.bag import read_measurement  # noqa: E402
 from calib_model.bag_reader import read_messages  # noqa: E402
+from calib_model.description import probe_yaml  # noqa: E402
 from calib_model.kinematics import points  # noqa: E402
+from calib_model.topics import PROBE_DISPLACEMENTS  # noqa: E402
 
 pytestmark = pytest.mark.timeout(120)
 ARM, CAPTURE = 'calib_capture.arm_node', 'calib_capture.capture_node'
@@ -138,6 +144,34 @@ def test_an_arm_that_goes_silent_ends_the_run_with_a_line_and_a_bag(
     assert 'no pose has been answered for' in error
     assert len(error.strip().splitlines()) == 1
     assert len(read_measurement(tmp_path / 'bag').poses) >= 5
+
+
+def test_of_a_probe_started_anew_no_pose_is_taken_before_it_can_have_described_itself(
+    graph, perfect, asked, arm_node, probe, tmp_path
+):
+    capture = graph.start(CAPTURE, **{**asked, 'poses_per_sphere': 400})
+    end = time.monotonic() + 60
+    while len(perfect.poses) < 5 and time.monotonic() < end:
+        perfect.executor.spin_once(timeout_sec=0.05)
+    perfect.node.destroy_publisher(perfect.publisher)
+    time.sleep(0.3)  # for what was under way
+    began = time.time_ns()
+    perfect.publisher = perfect.node.create_publisher(
+        StylusDisplacements, PROBE_DISPLACEMENTS.name, qos_of(PROBE_DISPLACEMENTS)
+    )
+    end = time.monotonic() + 3 * CLEAR
+    while time.monotonic() < end:
+        perfect.executor.spin_once(timeout_sec=0.05)
+    assert capture.poll() is None
+    text = probe_yaml(replace(probe, name='other'))
+    perfect.latched[0].publish(String(data=text))
+    perfect.spin_while(capture)
+    _, error = capture.communicate()
+    assert capture.returncode == 2
+    assert '/probe_description: another probe than before is described there, by /probe' in error
+    assert len(read_measurement(tmp_path / 'bag').poses) >= 5
+    later = [each for each in read_messages(tmp_path / 'bag') if each.log_time > began]
+    assert {each.topic for each in later} == {'/joint_states'}
 
 
 def test_it_says_what_it_waits_for_and_gives_up(graph, asked):

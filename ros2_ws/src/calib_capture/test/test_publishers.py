@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib_capture.publishers import CLEAR, Origin, Publishers
+from calib_capture.publishers import CLEAR, LATCHED, Origin, Publishers
 
 
 def judged(numbers, period=0.01):
@@ -29,6 +29,17 @@ def test_one_started_anew_is_unsure_for_a_moment_and_one_again():
     clear = origins.index(Origin.ONE, begin)
     assert clear - begin == round(CLEAR / 0.01)
     assert set(origins[clear:]) == {Origin.ONE}
+
+
+def test_what_the_one_before_left_behind_is_known_for_as_long_as_descriptions_may_take():
+    publishers = Publishers()
+    for number, now in ((1, 0.0), (2, 0.1), (1, 3.0)):
+        assert publishers.left(now) is None
+        publishers.see(number, now)
+    assert publishers.left(3.0) == 0.1
+    publishers.see(2, 3.1)
+    assert publishers.left(3.0 + 0.99 * LATCHED) == 0.1
+    assert publishers.left(3.0 + LATCHED) is None
 
 
 @pytest.mark.parametrize('other', [1, 990, 1000, 50_000])
