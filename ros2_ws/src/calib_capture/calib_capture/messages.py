@@ -19,6 +19,7 @@ from visualization_msgs.msg import MarkerArray
 
 from calib_capture.markers import SPHERES, Color, Marker
 from calib_capture.trajectory import Trajectory
+from calib_model.pairing import usable
 from calib_model.rotation import Array
 from calib_model.topics import Topic
 
@@ -76,7 +77,7 @@ def joints_of(state: JointState, names: tuple[str, ...]) -> Array | None:
     if places is None or len(state.position) < len(state.name):
         return None
     joints: Array = np.array([state.position[i] for i in places])
-    return joints if np.isfinite(joints).all() else None
+    return joints if usable(joints) else None
 
 
 def joint_trajectory(names: Sequence[str], trajectory: Trajectory) -> JointTrajectory:

@@ -29,6 +29,7 @@ from calib_model.pairing import (
     Refusal,
     SteadyPose,
     SteadySettings,
+    usable,
 )
 from calib_model.probe import Probe
 from calib_model.probing import Measurement, ProbingSet
@@ -225,9 +226,11 @@ def _samples(order: list[tuple[str, Any]], arm: Arm) -> Iterator[JointSample | R
     for topic, content in order:
         stamp = cdr.stamp_of(content)
         if topic == JOINT_STATES.name:
-            position = dict(zip(content.name, content.position, strict=False))
+            # of a name that is there twice the first counts, as in a capture
+            pairs = list(zip(content.name, content.position, strict=False))
+            position = dict(reversed(pairs)) if len(pairs) == len(content.name) else {}
             joints = np.array([position.get(name, np.nan) for name in arm.joint_names])
-            if np.isfinite(joints).all():
+            if usable(joints):
                 yield JointSample(stamp, joints)
         else:
             first, second, third = (int(status) for status in content.status)

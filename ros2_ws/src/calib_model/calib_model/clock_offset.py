@@ -21,7 +21,7 @@ from calib_model.arm import Arm
 from calib_model.gauge import Gauge
 from calib_model.jacobian import probing_jacobian
 from calib_model.kinematics import points
-from calib_model.pairing import SECOND, JointSample, Reading
+from calib_model.pairing import SECOND, JointSample, Reading, usable
 from calib_model.probe import Probe
 from calib_model.rotation import Array
 from calib_model.sphere_center import known_centers
@@ -131,7 +131,7 @@ class ClockEstimate:
         """Take one probe reading."""
         if any(reading.status) or reading.stamp < self._last + SPACING * SECOND:
             return
-        if not np.isfinite(reading.displacement).all():
+        if not usable(reading.displacement):
             return
         if len(self._open) == CHUNK or reading.stamp > self._last + APART * SECOND:
             self._end_chunk()

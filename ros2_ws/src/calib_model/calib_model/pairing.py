@@ -21,6 +21,7 @@ import numpy as np
 from calib_model.rotation import Array, frozen
 
 SECOND = 1_000_000_000
+LARGEST = 1e6  # m or rad: no sensor gives more, and with more products overflow
 STEP_BACK = SECOND  # ns by which stamps fall when a clock was set back or a driver started anew
 
 
@@ -105,6 +106,11 @@ def _stamp(sample: JointSample | Reading) -> int:
     return sample.stamp
 
 
+def usable(values: Array) -> bool:
+    """Whether all values, m or rad, are numbers that a sensor may give."""
+    return bool((np.abs(values) <= LARGEST).all())
+
+
 def objection(statuses: Iterable[int], displacement: Array) -> Reason | None:
     """What speaks against readings by themselves, the gravest first; None when nothing does."""
     found = set(statuses)
@@ -117,7 +123,7 @@ def objection(statuses: Iterable[int], displacement: Array) -> Reason | None:
             return reason
     if found != {Status.OK.value}:
         return Reason.UNKNOWN_STATUS
-    return None if np.isfinite(displacement).all() else Reason.NO_NUMBER
+    return None if usable(displacement) else Reason.NO_NUMBER
 
 
 def joints_at(samples: list[JointSample], stamp: int, max_gap: float) -> Array | None:

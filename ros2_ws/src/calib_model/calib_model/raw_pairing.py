@@ -150,7 +150,8 @@ class _Contact:
 
 def _contacts(streams: RawStreams) -> Iterator[_Contact]:
     t = streams.reading_stamp
-    good = np.flatnonzero((streams.status == 0).all(axis=1))
+    number = np.isfinite(streams.displacement).all(axis=1)
+    good = np.flatnonzero((streams.status == 0).all(axis=1) & number)
     if not len(good):
         return
     # a reading that is not good ends a contact as well as a gap does
@@ -193,7 +194,7 @@ def _held(
     part = slice(first, last + 1)
     rows = contact.rows[part]
     readings = streams.displacement[rows]
-    if len(rows) < settings.min_readings or not np.isfinite(readings).all():
+    if len(rows) < settings.min_readings:
         return None
     # of many readings the two farthest apart say more of their noise than of their drift
     if np.ptp(np.quantile(readings, [0.1, 0.9], axis=0), axis=0).max() > settings.max_spread:

@@ -15,6 +15,7 @@ from calib_model.bag_descriptions import BagDescriptions
 from calib_model.bag_files import listed_topics
 from calib_model.bag_reader import Told, read_messages
 from calib_model.errors import BagError
+from calib_model.pairing import LARGEST
 from calib_model.raw_block import (
     SECOND,
     JointBlock,
@@ -50,7 +51,7 @@ class RawTopics:
 @dataclass(frozen=True)
 class RawStreams:
     """Joints (M, n) in rad at `joint_stamp` (M,), ns, displacements (N, 3) in m and the styli's
-    `status` (N, 3) at `reading_stamp` (N,); both in the stamps' order, no stamp twice.
+    `status` (N, 3) at `reading_stamp` (N,), NaN where it is no number; both in the stamps' order, no stamp twice.
 
     `left_out` counts joint states that lack a joint of the arm, `unordered` what came out of order.
     """
@@ -93,16 +94,17 @@ class RawBag:
             [block.position[:, order] for block, order in zip(chosen, columns, strict=True)]
         )
         stamp = np.concatenate([block.stamp for block in chosen])
-        finite = np.isfinite(q).all(axis=1)
+        finite = (np.abs(q) <= LARGEST).all(axis=1)
         everything = sum(len(block.rows) for block in self._joints)
         joint_stamp, order = self._ordered(stamp[finite], self.topics.joint_states)
         read_stamp, read_order = self._ordered(
             np.concatenate([block.stamp for block in self._readings]), self.topics.displacements
         )
         unordered = finite.sum() - len(order) + sum(len(b.rows) for b in self._readings)
+        readings = np.concatenate([block.displacement for block in self._readings])[read_order]
+        number = (np.abs(readings) <= LARGEST).all(axis=1)
         found = RawStreams(
-            joint_stamp, q[finite][order], read_stamp,
-            np.concatenate([block.displacement for block in self._readings])[read_order],
+            joint_stamp, q[finite][order], read_stamp, np.where(number[:, None], readings, np.nan),
             np.concatenate([block.status for block in self._readings])[read_order],
             everything - int(finite.sum()), int(unordered) - len(read_order),
         )  # fmt: skip
