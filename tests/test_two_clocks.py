@@ -16,13 +16,14 @@ from calib_capture.repeat_led import RepeatedLed
 from calib_model import cdr
 from calib_model.bag import write_descriptions
 from calib_model.bag_writer import BagWriter
-from calib_model.pairing import JointSample
+from calib_model.clock_offset import ClockEstimate
+from calib_model.pairing import JointSample, Reading
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
 from calib_solver.identification import identify
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
 from selfcenter_probe.hand_motion import MotionSettings, guided
-from selfcenter_probe.hand_reading import HandGuided
+from selfcenter_probe.hand_reading import HandGuided, RawStretch
 from selfcenter_probe.hand_scene import Scene, read_scene
 
 CONFIG = Path(__file__).resolve().parents[1] / 'ros2_ws/src/calib_bringup/config'
@@ -84,6 +85,42 @@ def test_the_offset_is_estimated_to_a_fifth_of_a_millisecond(paired):
     _, clock, _ = paired
     assert abs(clock.seconds - BEHIND * 1e-9) < 2e-4
     assert clock.standard_uncertainty < 2e-4
+
+
+def messages(stretch: RawStretch) -> list[JointSample | Reading]:
+    """Both streams in the order of their stamps."""
+    read = stretch.readings
+    both: list[JointSample | Reading] = [
+        JointSample(*each) for each in zip(stretch.stamp.tolist(), stretch.joints, strict=True)
+    ]
+    both += [
+        Reading(stamp, displacement, tuple(status))
+        for stamp, displacement, status in zip(
+            read.stamp.tolist(), read.displacement, read.status.tolist(), strict=True
+        )
+    ]
+    return sorted(both, key=lambda each: each.stamp)
+
+
+@pytest.mark.parametrize('seed', range(1, 7))
+def test_half_a_minute_at_one_sphere_promises_no_more_than_it_can(scene, seed):
+    """All of the arm's parameters bend to one sphere: stretches of contact agree, and are wrong."""
+    world, sides = scene.world(seed), {3: scene.placements[3]}
+    hand = HandGuided(world, guided(world, sides, [6], MotionSettings(385, 1.0, seed)), seed)
+    estimate = ClockEstimate(scene.arm, scene.probe, scene.gauge)
+    told = {}
+    for message in (message for stretch in hand.raw() for message in messages(stretch)):
+        if isinstance(message, Reading):
+            estimate.see_reading(message)
+        else:
+            estimate.see_joints(message)
+        if estimate.chunks not in told:
+            told[estimate.chunks] = estimate.estimate()
+        if estimate.chunks == 20:
+            break
+    assert len(told) == 21
+    sure = [each for each in told.values() if each is not None]
+    assert all(abs(each.seconds) < 3 * each.standard_uncertainty for each in sure), sure
 
 
 def test_corrected_joints_are_those_of_the_right_instant(paired):

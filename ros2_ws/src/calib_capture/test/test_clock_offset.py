@@ -34,7 +34,7 @@ def postures(kr5, probe, gauge, placements):
             for pose in program.poses]  # fmt: skip
 
 
-def streams(kr5, probe, gauge, postures, offset, swing=6e-3, seed=1):
+def streams(kr5, probe, gauge, postures, offset, swing=1.2e-2, seed=1):
     """The true arm, off by mm from the nominal, sways around each posture for a second."""
     rng = np.random.default_rng(seed)
     true = replace(kr5, joints=tuple(

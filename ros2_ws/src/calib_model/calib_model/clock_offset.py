@@ -255,7 +255,9 @@ def _in_time(
 def _solved(chunks: Sequence[_Sums], prior: Array) -> tuple[float, float]:
     """The offset and its standard uncertainty, s, with the parameters as far off as `prior` lets.
 
-    The uncertainty is that of chunks that err on their own: neighbouring readings err alike.
+    The uncertainty is that of chunks that err on their own: neighbouring readings err alike. It is
+    no less than what the parameters leave open: chunks of one sphere, to which they all bent, agree
+    with one another and not with the truth.
     """
     squares = np.array([chunk.square for chunk in chunks]) / NOISE**2
     square = squares.sum(axis=0)
@@ -263,7 +265,10 @@ def _solved(chunks: Sequence[_Sums], prior: Array) -> tuple[float, float]:
     x = -inverse @ square[:-1, -1]
     score = np.append(inverse[0], 0.0) @ squares @ np.append(x, 1.0)
     freedom = len(chunks) / max(len(chunks) - FITTED, 1)
-    return float(x[0]), float(np.sqrt((score**2).sum() * freedom))
+    scatter = np.sqrt((score**2).sum() * freedom)
+    best = np.append(x, 1.0)
+    noise = best @ square @ best / sum(3 * chunk.readings for chunk in chunks)  # in NOISE**2
+    return float(x[0]), float(max(scatter, np.sqrt(inverse[0, 0] * noise * WHILE)))
 
 
 def _centred(columns: Array) -> Array:
