@@ -8,6 +8,7 @@ from pathlib import Path
 
 from calib_model.bag_recovery import recover
 from calib_model.command import CommandParser, run_command
+from calib_model.errors import printable
 from calib_model.progress import Progress
 
 LOSSY = 3
@@ -35,7 +36,7 @@ def _recover() -> int:
     given = parser.parse_args()
     found = recover(given.bad, given.out, Progress(sys.stderr))
     for topic, count in sorted(found.counts.items()):
-        print(f'{count:>9} {topic}')
+        print(f'{count:>9} {printable(topic)}')
     print(f'{given.out}: {found.messages} messages recovered, missing: {found.loss()}')
     return LOSSY if found.lossy else 0
 

@@ -14,7 +14,7 @@ from calib_model.bag_writer import write_whole
 from calib_model.command import CommandParser, run_command
 from calib_model.denavit_hartenberg import arm_of_chain
 from calib_model.description import arm_yaml
-from calib_model.errors import CalibrationError, DescriptionError
+from calib_model.errors import CalibrationError, DescriptionError, printable
 from calib_model.file_content import file_content
 from calib_model.freedom import parallel_joints
 from calib_model.kinematics import forward
@@ -107,7 +107,7 @@ def run(argv: Sequence[str] | None = None) -> Arm:
     parser.add_argument('--name', default='', help="default: the robot's name in the URDF")
     given = parser.parse_args(argv)
     arm = arm_from_urdf(read_urdf(given.urdf), given.base, given.flange, given.urdf, given.name)
-    heading = f'# {arm.base_frame} to {arm.flange_frame} of {Path(given.urdf).name}\n'
+    heading = f'# {arm.base_frame} to {arm.flange_frame} of {printable(Path(given.urdf).name)}\n'
     try:
         write_whole(given.out, heading + arm_yaml(arm))
     except OSError as error:

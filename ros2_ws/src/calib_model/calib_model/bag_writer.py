@@ -187,7 +187,7 @@ def write_together(folder: Path, texts: Mapping[str, str | bytes]) -> None:
     try:
         for name, text in texts.items():
             with parts[name].open('wb') as stream:
-                stream.write(text.encode() if isinstance(text, str) else text)
+                stream.write(_encoded(text) if isinstance(text, str) else text)
                 stream.flush()
                 os.fsync(stream.fileno())
         for name, part in parts.items():
@@ -195,3 +195,8 @@ def write_together(folder: Path, texts: Mapping[str, str | bytes]) -> None:
     finally:
         for part in parts.values():
             part.unlink(missing_ok=True)
+
+
+def _encoded(text: str) -> bytes:
+    """UTF-8; names of files that are no text are spelled out."""
+    return text.encode('utf-8', 'backslashreplace')

@@ -93,9 +93,11 @@ def run_command(work: Callable[[], int | None]) -> int:
         # names of files need not be text in the encoding of the terminal
         sys.stdout.reconfigure(errors='backslashreplace')
     try:
-        code = work()
-        if sys.stdout is not None:  # None where it was closed before
-            sys.stdout.flush()
+        try:
+            code = work()
+        finally:  # after --help, too
+            if sys.stdout is not None:  # None where it was closed before
+                sys.stdout.flush()
     except CalibrationError as error:
         return _refused(error)
     except KeyboardInterrupt:
@@ -108,7 +110,7 @@ def run_command(work: Callable[[], int | None]) -> int:
         where = error.filename or 'output'
         return _refused(CalibrationError(f'{where}: {error.strerror or error}'))
     except MemoryError as error:
-        return _refused(CalibrationError(f'not enough memory: {error}'))
+        return _refused(CalibrationError(f'not enough memory: {error}'.rstrip(': ')))
     return code or 0
 
 

@@ -5,6 +5,11 @@
 LONGEST_LINE = 1000  # characters: names come from files, and may be of any length
 
 
+def printable(text: str) -> str:
+    """The text in one line, with nothing in it that a terminal obeys."""
+    return ''.join(sign if sign.isprintable() else '\ufffd' for sign in ' '.join(text.split()))
+
+
 class CalibrationError(Exception):
     """Anything that keeps a calibration from being done; its text is one line for the user, with
     nothing in it that a terminal obeys."""
@@ -13,7 +18,7 @@ class CalibrationError(Exception):
         line = ' '.join(super().__str__().split())
         if len(line) > LONGEST_LINE:
             line = f'{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 2 :]}'
-        return ''.join(sign if sign.isprintable() else '\ufffd' for sign in line)
+        return printable(line)
 
 
 class DescriptionError(CalibrationError):

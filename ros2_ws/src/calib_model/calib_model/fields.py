@@ -60,6 +60,8 @@ class Fields:
         value = self._get(key, default)
         if not isinstance(value, str) or not value:
             raise self.refuse(key, f'expected a name, got {_kind(value)}')
+        if not value.isprintable():
+            raise self.refuse(key, f'expected a name that can be printed, got {value[:40]!a}')
         return value
 
     def number(self, key: str, default: float = MISSING, finite: bool = True) -> float:

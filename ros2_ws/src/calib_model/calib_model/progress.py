@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import sys
 import time
@@ -20,7 +21,9 @@ QUIET = 1.0  # s: work that is done by then need not tell of itself
 class Progress:
     """Shows counts of `things`, not more often than can be read."""
 
-    def __init__(self, stream: TextIO = sys.stdout, things: str = 'poses') -> None:
+    def __init__(self, stream: TextIO | None = sys.stdout, things: str = 'poses') -> None:
+        # None is a stream that was closed before Python began
+        stream = stream or io.StringIO()
         self._stream = stream
         self._things = things
         self._bar = stream.isatty()

@@ -233,8 +233,9 @@ def _joints_at(
     inside = (stamps >= t[first + 1]) & (stamps <= t[first + 2])
     known = inside & (np.diff(knots, axis=1).max(axis=1) <= FINE)
     joints = np.zeros((len(stamps), streams.joints.shape[1]))
+    near = knots[known]
     for i in range(4):
         others = [j for j in range(4) if j != i]
-        weight = np.prod([knots[:, j] / (knots[:, j] - knots[:, i]) for j in others], axis=0)
-        joints += weight[:, None] * streams.joints[first + i]
+        weight = np.prod([near[:, j] / (near[:, j] - near[:, i]) for j in others], axis=0)
+        joints[known] += weight[:, None] * streams.joints[first[known] + i]
     return known, joints

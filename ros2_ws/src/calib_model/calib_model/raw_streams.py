@@ -51,7 +51,8 @@ class RawTopics:
 @dataclass(frozen=True)
 class RawStreams:
     """Joints (M, n) in rad at `joint_stamp` (M,), ns, displacements (N, 3) in m and the styli's
-    `status` (N, 3) at `reading_stamp` (N,), NaN where it is no number; both in the stamps' order, no stamp twice.
+    `status` (N, 3) at `reading_stamp` (N,), NaN where one is no number; both in the
+    stamps' order, no stamp twice.
 
     `left_out` counts joint states that lack a joint of the arm, `unordered` what came out of order.
     """

@@ -25,6 +25,7 @@ from calib_model.command import CommandParser, UsageError
 from calib_model.errors import ParameterError
 from calib_model.parameters_node import Sheet, warn_of_unknown
 
+MOST_DOMAIN = 232
 TWICE = 2.0  # s within which signals count as one
 LAST_CALLBACKS = 0.05  # s for those that a pool of threads has begun, before all is taken down
 WAKE_PERIOD = 0.1  # s, how soon an idle node sees that it is to end
@@ -82,6 +83,10 @@ def init(argv: list[str]) -> None:
     Raises:
         ParameterError: arguments that rcl cannot parse.
     """
+    domain = os.environ.get('ROS_DOMAIN_ID', '')
+    if domain.isdecimal() and int(domain[:9]) > MOST_DOMAIN:
+        # Fast DDS would end the process where it stands
+        raise ParameterError(f'ROS_DOMAIN_ID: expected 0 to {MOST_DOMAIN}, got {domain[:40]}')
     try:
         rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # what rcl raises for arguments that it cannot parse
