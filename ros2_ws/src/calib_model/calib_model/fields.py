@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 from difflib import get_close_matches
 from typing import Any
+from unicodedata import category
 
 from calib_model.errors import DescriptionError
 from calib_model.plain_yaml import load_plain
@@ -60,8 +61,8 @@ class Fields:
         value = self._get(key, default)
         if not isinstance(value, str) or not value:
             raise self.refuse(key, f'expected a name, got {_kind(value)}')
-        if not value.isprintable():
-            raise self.refuse(key, f'expected a name that can be printed, got {value[:40]!a}')
+        if any(category(sign) == 'Cc' for sign in value):  # names are printed, terminals obey these
+            raise self.refuse(key, f'expected a name, got control characters: {value[:40]!a}')
         return value
 
     def number(self, key: str, default: float = MISSING, finite: bool = True) -> float:
