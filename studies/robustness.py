@@ -52,7 +52,7 @@ Spheres = frozenset[tuple[int, int]]
 def slipped(scene: Scene, poses: ProbingSet, generator: np.random.Generator) -> Spoilt:
     """The contact slipped: the arm is 1 to 20 mm from where the reading was taken."""
     bad = generator.uniform(size=len(poses)) < BAD
-    return _moved(scene, poses, bad, _shifts(generator, int(bad.sum()))), bad
+    return moved(scene, poses, bad, _shifts(generator, int(bad.sum()))), bad
 
 
 def _shifts(generator: np.random.Generator, count: int) -> Array:
@@ -62,7 +62,7 @@ def _shifts(generator: np.random.Generator, count: int) -> Array:
     return shift
 
 
-def _moved(scene: Scene, poses: ProbingSet, bad: Mask, shift: Array) -> ProbingSet:
+def moved(scene: Scene, poses: ProbingSet, bad: Mask, shift: Array) -> ProbingSet:
     """The poses with the arm moved by `shift` (B, 3), m, in those that are `bad`."""
     measured = scene.measured
     centers = measured.probe.centers(poses.displacement[bad], measured.gauge.sphere_diameter)
@@ -118,7 +118,7 @@ def gauge_moved(scene: Scene, poses: ProbingSet, generator: np.random.Generator)
     bad = (poses.location == location) & np.isin(poses.sphere, SPHERES[2:])
     push = generator.normal(size=3)
     push = PUSHED * push / np.linalg.norm(push)
-    return _moved(scene, poses, bad, np.tile(push, (int(bad.sum()), 1))), bad
+    return moved(scene, poses, bad, np.tile(push, (int(bad.sum()), 1))), bad
 
 
 Spoil = Callable[[Scene, ProbingSet, np.random.Generator], Spoilt]

@@ -56,17 +56,17 @@ def scaled(column, factor, first=0):
     return change
 
 
-def shifted(column, step):
+def shifted(column, step, first=HALF, last=None):
     def change(values):
-        values[HALF:, column] += step
+        values[first:last, column] += step
         return values
 
     return change
 
 
-def held_at(column, value):
+def held_at(column, value, first=0):
     def change(values):
-        values[:, column] = value
+        values[first:, column] = value
         return values
 
     return change
@@ -95,22 +95,83 @@ def with_moved_gauge(first, last):
     return replace(measured(), poses=replace(poses, displacement=readings))
 
 
+def measured_diameter():
+    return measured().gauge.sphere_diameter
+
+
+def on_an_uneven_bar(count):
+    """The same poses on a gauge whose spheres stand at other distances where none was probed."""
+    probed = np.unique(measured().poses.sphere)
+    gauge = measured().gauge
+    spheres = tuple(
+        (n, tuple(np.array(c) + [7e-3 * np.sin(3 * n) * (n not in probed), 0, 0]))
+        for n, c in gauge.spheres
+    )
+    poses = measured().poses
+    return replace(
+        measured(), gauge=replace(gauge, spheres=spheres),
+        poses=replace(poses, sphere=count(np.array(poses.sphere))),
+    )  # fmt: skip
+
+
 NAMED = {
     'a stylus stuck': (lambda: with_readings(held_at(1, 7e-4)), r'^stylus 2 reads 0.7000 mm in'),
+    'a stylus stuck in mid-measurement': (
+        lambda: with_readings(held_at(1, 7e-4, 180)),
+        r'^stylus 2 reads 0.7000 mm in poses 181 to 560 .*: stuck; they are left out'
+    ),
     'styli exchanged': (lambda: with_readings(exchanged(0, 1)), r'styli 1 and 2 exchanged'),
     'a stylus reversed': (lambda: with_readings(scaled(0, -1)), r'sign of stylus 1 reversed'),
     'a gain 2 % off': (
         lambda: with_readings(scaled(2, 1.02)), r'^stylus 3 reads (1\.9|2\.0).% too much'
     ),
     'an encoder that jumped': (
-        lambda: with_joints(shifted(2, 2e-3)), r'^joint joint_a3 jumped by \+(1\.9|2\.0).* mrad'
+        lambda: with_joints(shifted(2, 2e-3)),
+        r'joint_a3 .*jumped by \+(1\.9|2\.0)\d+ mrad near pose 28\d'
+    ),
+    'an encoder that jumped far': (
+        lambda: with_joints(shifted(1, -0.3)),
+        r'joint_a2 .*jumped by -(300\.0|299\.9)\d* mrad near pose 28\d'
+    ),
+    'an encoder that was off for a while': (
+        lambda: with_joints(shifted(3, 5e-3, 200, 320)),
+        r'joint_a4 .*jumped by \+(4\.9|5\.0).* mrad near pose 20\d and back near (31|32)\d'
     ),
     'joints exchanged': (lambda: with_joints(exchanged(3, 4)), r'joint_a4 and joint_a5 exchanged'),
     'a joint reversed': (lambda: with_joints(scaled(3, -1)), r'joint_a4 counted the other way'),
+    'a joint in degrees': (
+        lambda: with_joints(scaled(2, 180 / np.pi)), r'joint_a3 taken as degrees'
+    ),
+    'turned to radians twice': (
+        lambda: with_joints(np.radians), r'joint positions taken as turned to radians twice'
+    ),
+    'a joint counted from elsewhere': (
+        lambda: with_joints(shifted(2, np.pi / 2, 0)), r'-90 deg added to joint joint_a3'
+    ),
     'degrees for radians': (lambda: with_joints(np.degrees), r'joint positions taken as degrees'),
     'a wrong certificate': (
         lambda: with_centers(lambda n, c: c + [2e-4 * (n == 6), 0, 0]),
-        r'^sphere 6 is 0\.(19|18).* mm from its place on the certificate',
+        r'^sphere 6 is 0\.(199|200)\d mm from its place on the certificate',
+    ),
+    'a wrong certificate at an end': (
+        lambda: with_centers(lambda n, c: c + [2e-3 * (n == 14), 0, 0]),
+        r'^sphere 14 is (1\.9|2\.0).* mm from its place on the certificate',
+    ),
+    'a wrong diameter': (
+        lambda: replace(
+            measured(), gauge=replace(measured().gauge, sphere_diameter=measured_diameter() - 2e-4)
+        ),
+        r"^the spheres' diameter is \+0\.(19|20)\d mm from the gauge's 21\.8 mm",
+    ),
+    'numbers shifted by one along an uneven bar': (
+        lambda: on_an_uneven_bar(lambda n: n + 1), r'better with every sphere number lower by 1'
+    ),
+    'an uneven bar the other way round': (
+        lambda: on_an_uneven_bar(lambda n: 16 - n), r'better with spheres counted from the other'
+    ),
+    'a certificate 2 % too long': (
+        lambda: with_centers(lambda n, c: 1.02 * c),
+        r'^the lengths of the arm come out (1\.9|2\.0).% longer throughout',
     ),
     'two locations under one number': (
         lambda: with_numbers(lambda loc, s: (np.where(loc == 2, 1, loc), s)),

@@ -6,8 +6,6 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from calib_model.arm import Arm
 from calib_model.correction import Correction
 from calib_model.errors import DataError
@@ -16,22 +14,22 @@ from calib_model.parameters import ParameterTable
 from calib_model.probe import Probe
 from calib_model.probing import Measurement
 from calib_model.rotation import Array
+from calib_solver.certificate_doubts import (
+    named_numbers,
+    named_scale,
+    named_sphere,
+    refuse_other_units,
+)
 from calib_solver.correction_fit import CorrectionChoice, checked_choice, fit_correction
 from calib_solver.cross_validation import CrossValidation
+from calib_solver.doubts import doubts_about_parameters, doubts_about_poses
 from calib_solver.joint_error_choice import (
     JointErrorChoice,
     checked_kinds,
     choose_joint_errors,
     table_with,
 )
-from calib_solver.leanings import named_leanings, named_sphere
 from calib_solver.levenberg import Fit
-from calib_solver.mixups import (
-    beyond_belief,
-    named_mixups,
-    refuse_other_units,
-    stuck_styli,
-)
 from calib_solver.objectives import objective
 from calib_solver.observability import Observability, observe
 from calib_solver.options import LEADING, LOSSES, Options
@@ -40,6 +38,7 @@ from calib_solver.problem import Problem
 from calib_solver.quality import Quality, assess
 from calib_solver.rejection import Rejected, clean
 from calib_solver.solving import Accumulate, Solver, try_probe_fit
+from calib_solver.stuck import set_apart, stuck_stretches
 from calib_solver.sums import accumulate
 from calib_solver.uncertainty import Uncertainty, estimate_uncertainty
 
@@ -112,9 +111,10 @@ def identify(
     geometry = table
     solver = Solver(table, options, passes)
     solver.refuse_too_little(problem)
+    stretches = stuck_stretches(measured)
+    stuck_throughout = bool(stretches) and not set_apart(problem, stretches).any()
     refuse_other_units(problem, assess(problem, measured.arm, measured.probe).spheres.center)
     probe_fit, warnings = try_probe_fit(problem)
-    warnings = stuck_styli(measured) + warnings
     # eq. 11 looks at distances and poses alike: it judges the poses and leads the others there
     alone = options.objective == LEADING
     leader = solver if alone else Solver(table, replace(options, objective=LEADING), passes)
@@ -123,8 +123,10 @@ def identify(
     if options.loss == 'rejecting':
         cleaned = clean(problem, leader.arm_and_probe)
         problem, rejected = cleaned.problem, cleaned.rejected
-        warnings += cleaned.warnings
+        warnings = cleaned.warnings + warnings
         solver.refuse_too_little(problem)
+    else:
+        warnings = tuple(one.line(len(measured.poses)) for one in stretches) + warnings
     if not alone:
         solver.follow(leader, problem)
     chosen = solver.choose_prior(problem)
@@ -153,13 +155,26 @@ def identify(
     )  # fmt: skip
     joint_errors = table.joint_errors(full)
     model = Correction(arm.joint_names, joint_errors) if joint_errors is not None else None
+    initial = assess(problem, measured.arm, measured.probe)
     identified = assess(problem, arm, probe, model)
-    warnings = _doubts(problem, geometry, arm, probe, identified, options) + warnings
-    warnings += named_sphere(problem, identified.spheres.center, uncertainty.misfit)
+    sigma = options.prior.sigmas(table)
+    warnings = (
+        doubts_about_poses(
+            measured, problem, geometry, arm, probe, identified, options,
+            rejected, stuck_throughout,
+        )
+        + warnings
+        + (
+            named_numbers(problem, initial.spheres.center)
+            or named_sphere(problem, sums, fit.kappa * solver.information, uncertainty.misfit)
+            + named_scale(table, full, sigma)
+            + doubts_about_parameters(table, full, sigma, uncertainty.standard)
+        )
+    )
     done = Identification(
         problem, options, table, full, arm, probe, _with_weakest(fit, observability),
         observability, uncertainty, probe_fit,
-        assess(problem, measured.arm, measured.probe), identified,
+        initial, identified,
         rejected, time.perf_counter() - begun, tuple(warnings), chosen,
         solver.least_noise, errors,
     )  # fmt: skip
@@ -180,38 +195,6 @@ def _corrected(done: Identification, begun: float) -> Identification:
     better = assess(done.problem, done.arm, done.probe, found) if found is not None else None
     seconds = time.perf_counter() - begun
     return replace(done, choice_12=choice, corrected=better, seconds=seconds)
-
-
-def _doubts(
-    problem: Problem, table: ParameterTable, arm: Arm, probe: Probe, quality: Quality,
-    options: Options,
-) -> tuple[str, ...]:  # fmt: skip
-    """Lines on what the residuals look like: something mixed up, or a fault's shadow.
-
-    Eq. 13 does not look at the poses and leaves them scattered: that is no sign of anything.
-    """
-    if options.objective == 'distance':
-        return ()
-
-    def spread_of(changed: Problem) -> float:
-        # the prior keeps hypotheses that fit nothing from wandering for long
-        solver = Solver(table, Options(), accumulate)
-        solver.refuse_too_little(changed)
-        solver.start_from(changed, try_probe_fit(changed)[0])
-        return _spread(assess(changed, *solver.arm_and_probe(changed)))
-
-    measured = problem.measured
-    spread = _spread(quality)
-    return (
-        named_mixups(measured, spread, spread_of)
-        or named_leanings(problem, table, arm, probe)
-        or beyond_belief(spread)
-    )
-
-
-def _spread(quality: Quality) -> float:
-    """The usual distance of a pose from its sphere's centre, m: the rms."""
-    return float(np.sqrt((quality.deviation**2).sum(axis=1).mean()))
 
 
 def _with_weakest(fit: Fit, observability: Observability) -> Fit:

@@ -2,37 +2,41 @@
 """Mix-ups: what a measurement would be if something had been wired, counted or named otherwise.
 
 A calibration that leaves large residuals is asked whether its poses would fit far better with two
-styli exchanged, a joint counted the other way, degrees for radians. What does is named to the user
-and never put right behind his back.
+styli exchanged, a joint counted the other way, degrees for radians, without an encoder's jump. What
+does is named to the user and never put right behind his back.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 
-from calib_model.errors import CalibrationError, DataError
+from calib_model.errors import CalibrationError
+from calib_model.parameters import DEFAULT_SIGMA, ParameterTable
 from calib_model.probe import ActiveProbe
 from calib_model.probing import Measurement, ProbingSet
 from calib_model.rotation import Array
-from calib_solver.problem import Problem
+from calib_solver.jumps import Jump, large_jumps
+from calib_solver.problem import IntArray, Problem
+from calib_solver.unexplained import rough_spread
 
 #: so many poses are enough to tell a mix-up
 POSES = 280
-#: a pose's usual distance from its sphere's centre (m) below which nothing is mixed up
-SMALL = 3e-4
 #: a mix-up is named when the poses fit so many times better with it
 FACTOR = 4.0
 #: and no better than this (m) it explains nothing
 EXPLAINED = 1e-3
 #: another that comes so near the best cannot be told from it
 NEARLY = 1.2
-#: how far styli have to move (m) for one that does not to be stuck
-MOVES = 1e-5
+#: so many that fit best after one rough step are solved for
+TRIED = 6
+#: with fewer poses than this a jump explains anything
+FEWEST_TO_JUMP = 30
+DEGREES = 180 / np.pi
 
 #: a problem's usual distance (m) of a pose from its sphere's centre, when it is solved
 Spread = Callable[[Problem], float]
@@ -47,33 +51,33 @@ class Mixup:
     change: Change
 
 
-def stuck_styli(measured: Measurement) -> tuple[str, ...]:
-    """A line for each stylus that reads one value in all poses while others move."""
-    if not isinstance(measured.probe, ActiveProbe):
-        return ()
-    read = measured.poses.displacement
-    moves = np.ptp(read, axis=0)
-    if len(read) < 3 or moves.max() < MOVES:
-        return ()
-    return tuple(
-        f'stylus {number + 1} reads {read[0, number] * 1e3:.4f} mm in every pose while others '
-        f'move by {moves.max() * 1e3:.4f} mm: stuck, or not connected'
-        for number in np.flatnonzero(moves == 0)
-    )
-
-
-def named_mixups(measured: Measurement, spread: float, spread_of: Spread) -> tuple[str, ...]:
+def named_mixups(
+    measured: Measurement, spread: float, table: ParameterTable, spread_of: Spread
+) -> tuple[str, ...]:
     """A line for what would make the poses fit FACTOR times better than their `spread` (m)."""
-    if spread < SMALL:
-        return ()
-    few = _few(measured)
-    found: list[tuple[float, str]] = []
-    for mixup in mixups(measured):
-        poses = mixup.change(few.poses)
+    places = _places(len(measured.poses))
+    few = replace(measured, poses=measured.poses.take(places))
+    simple = _likely(few, mixups(measured), spread, table, spread_of)
+    return simple or _likely(few, _jumps(few, table, places), spread, table, spread_of)
+
+
+def _likely(
+    few: Measurement, what: Iterable[Mixup], spread: float, table: ParameterTable, spread_of: Spread
+) -> tuple[str, ...]:
+    sigma = _usual(table)
+    tried: list[tuple[float, str, Problem]] = []
+    for mixup in what:
         try:
-            found.append((spread_of(Problem.of(replace(few, poses=poses))), mixup.text))
+            problem = Problem.of(replace(few, poses=mixup.change(few.poses)))
         except CalibrationError:
             continue  # poses that fit no probe or no arm explain nothing
+        tried.append((rough_spread(problem, table, sigma), mixup.text, problem))
+    found: list[tuple[float, str]] = []
+    for _, text, problem in sorted(tried, key=lambda one: one[0])[:TRIED]:
+        try:
+            found.append((spread_of(problem), text))
+        except CalibrationError:
+            continue  # nor do these
     best = min((size for size, _ in found), default=np.inf)
     if best > min(EXPLAINED, spread / FACTOR):
         return ()
@@ -83,24 +87,6 @@ def named_mixups(measured: Measurement, spread: float, spread_of: Spread) -> tup
         f'({best * 1e3:.4f} mm instead of {spread * 1e3:.4f} mm from pose to pose): '
         'nothing was changed, this result is not to be used',
     )
-
-
-def refuse_other_units(problem: Problem, center: Array) -> None:
-    """Raise where distances between the centres (S, 3), m, are a thousand times the certificate's.
-
-    Raises:
-        DataError: arm and gauge are described in different units.
-    """
-    if len(problem.pairs) == 0:
-        return
-    between = center[problem.pairs[:, 0]] - center[problem.pairs[:, 1]]
-    ratio = float(np.median(np.linalg.norm(between, axis=1) / problem.nominal))
-    if 500 < ratio < 2000 or 500 < 1 / ratio < 2000:
-        raise DataError(
-            f'{problem.measured.source}: distances between spheres come out {ratio:.4g} times the '
-            f"certificate's: are the lengths of {problem.measured.arm.name} and "
-            f'{problem.measured.gauge.name} both in m?'
-        )
 
 
 def beyond_belief(spread: float) -> tuple[str, ...]:
@@ -117,9 +103,14 @@ def beyond_belief(spread: float) -> tuple[str, ...]:
 def mixups(measured: Measurement) -> Iterator[Mixup]:
     """What can be mixed up in this arm and probe."""
     names = measured.arm.joint_names
-    yield Mixup('joint positions taken as degrees', _as_degrees)
+    every = range(len(names))
+    yield Mixup('joint positions taken as degrees', _scaled_joints(every, np.pi / 180))
+    yield Mixup('joint positions taken as turned to radians twice', _scaled_joints(every, DEGREES))
     for i, name in enumerate(names):
-        yield Mixup(f'joint {name} counted the other way', _scaled_joint(i, -1.0))
+        yield Mixup(f'joint {name} taken as degrees', _scaled_joints([i], np.pi / 180))
+        yield Mixup(f'joint {name} counted the other way', _scaled_joints([i], -1.0))
+        for degrees in (90, -90, 180):
+            yield Mixup(f'{degrees} deg added to joint {name}', _turned_joint(i, degrees))
     for i, j in combinations(range(len(names)), 2):
         yield Mixup(f'joints {names[i]} and {names[j]} exchanged', _swapped('joints', i, j))
     if isinstance(measured.probe, ActiveProbe):
@@ -127,10 +118,6 @@ def mixups(measured: Measurement) -> Iterator[Mixup]:
             yield Mixup(f'styli {i + 1} and {j + 1} exchanged', _swapped('displacement', i, j))
         for i in range(3):
             yield Mixup(f'the sign of stylus {i + 1} reversed', _reversed_stylus(i))
-
-
-def _as_degrees(poses: ProbingSet) -> ProbingSet:
-    return replace(poses, joints=np.radians(poses.joints))
 
 
 def _swapped(column: str, i: int, j: int) -> Change:
@@ -142,11 +129,20 @@ def _swapped(column: str, i: int, j: int) -> Change:
     return change
 
 
-def _scaled_joint(joint: int, factor: float) -> Change:
+def _scaled_joints(joints: Iterable[int], factor: float) -> Change:
     def change(poses: ProbingSet) -> ProbingSet:
-        joints = np.array(poses.joints)
-        joints[:, joint] *= factor
-        return replace(poses, joints=joints)
+        q = np.array(poses.joints)
+        q[:, list(joints)] *= factor
+        return replace(poses, joints=q)
+
+    return change
+
+
+def _turned_joint(joint: int, degrees: float) -> Change:
+    def change(poses: ProbingSet) -> ProbingSet:
+        q = np.array(poses.joints)
+        q[:, joint] += np.radians(degrees)
+        return replace(poses, joints=q)
 
     return change
 
@@ -160,10 +156,30 @@ def _reversed_stylus(stylus: int) -> Change:
     return change
 
 
-def _few(measured: Measurement) -> Measurement:
+def _jumps(few: Measurement, table: ParameterTable, places: IntArray) -> Iterator[Mixup]:
+    """Encoders that may have jumped; `places` (N,) are those of `few` in the whole measurement."""
+    if len(few.poses) < FEWEST_TO_JUMP:
+        return
+    for jump in large_jumps(few, table, _usual(table)):
+        name = few.arm.joint_names[jump.joint]
+        yield Mixup(f'joint {name} put right where it {jump.text(places)}', _without(jump))
+
+
+def _usual(table: ParameterTable) -> Array:
+    """What the free parameters (F,) of an arm usually are off by, m or rad."""
+    return np.array([DEFAULT_SIGMA[parameter.kind] for parameter in table.free])
+
+
+def _without(jump: Jump) -> Change:
+    def change(poses: ProbingSet) -> ProbingSet:
+        there = jump.holds(np.arange(len(poses), dtype=np.int64))
+        q = np.array(poses.joints)
+        q[:, jump.joint] -= jump.size * there
+        return replace(poses, joints=q)
+
+    return change
+
+
+def _places(count: int) -> IntArray:
     """At most POSES of the poses, the same share of every stretch of the measurement."""
-    count = len(measured.poses)
-    if count <= POSES:
-        return measured
-    chosen = np.linspace(0, count - 1, POSES).astype(np.int64)
-    return replace(measured, poses=measured.poses.take(chosen))
+    return np.unique(np.linspace(0, count - 1, POSES).astype(np.int64))

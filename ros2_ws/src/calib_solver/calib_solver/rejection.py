@@ -19,6 +19,7 @@ from calib_model.probe import Probe
 from calib_model.rotation import Array
 from calib_solver.problem import IntArray, Problem
 from calib_solver.quality import probed_points
+from calib_solver.stuck import Stretch, set_apart, stuck_stretches
 
 #: a pose this many times further out than the median does not belong; normal noise along a single
 #: direction, the most straggling kind, gets there once in ten million poses
@@ -31,10 +32,10 @@ UNEVEN = 4.0
 FAR_DISTANCE = 16.0
 #: nothing nearer than this (m) is called a gross error, however good the rest
 LEAST_SIZE = 1e-6
+#: why a pose is left out when nothing better is known of it
+SLIPPED = 'away from the other poses of its sphere: slipped or misread'
 ROUNDS = 10
 SOFT_ROUNDS = 5
-#: so many poses on end with the same reading of one stylus are no chance
-FEWEST_STUCK = 5
 #: with fewer distances their median says nothing
 FEWEST_DISTANCES = 6
 
@@ -70,14 +71,15 @@ def clean(problem: Problem, solve: Solve) -> Cleaned:
     A measurement in which nothing stands out comes back as it is after one solution.
     """
     measured = problem.measured
-    stretch = stuck_stretches(problem)
+    stretches = stuck_stretches(measured)
+    stretch = set_apart(problem, stretches)
     kept: Mask = stretch == 0
     moved = _moved_spheres(problem, measured.arm, measured.probe, kept)
     current = _weighted(problem, moved, kept.astype(float))
     bent = not kept.all() or bool(moved)
     for round_number in range(ROUNDS):
         arm, probe = solve(current)
-        away, usual = _deviations(problem, arm, probe, kept)
+        away, usual = _deviations(problem, arm, probe, kept, stretch == 0)
         now_kept = _without_stuck(away <= np.maximum(FAR * usual, LEAST_SIZE), stretch)
         now_moved = _moved_spheres(problem, arm, probe, now_kept)
         settled = np.array_equal(now_kept, kept) and now_moved == moved
@@ -96,44 +98,20 @@ def clean(problem: Problem, solve: Solve) -> Cleaned:
             error, allowed = _judged_distances(current, arm, probe, kept)
             softened = _soft(error, np.maximum(np.median(error), allowed / FAR))
             current = replace(current, pair_weight=_read_only(softened))
+    stuck = _stuck_lines(stretches, stretch, kept)
     if kept.all() and not moved:
-        return Cleaned(problem, (), {}, ())
+        return Cleaned(problem, (), {}, stuck)
     rejected = _accounts(problem, arm, probe, kept, away, stretch)
     remaining = measured.poses.take(np.sort(problem.order[kept]))
     cleaned = Problem.of(replace(measured, poses=remaining), moved)
-    return Cleaned(cleaned, rejected, moved, _warnings(rejected, moved, len(problem.joints)))
+    lines = stuck + _warnings(rejected, moved, len(problem.joints))
+    return Cleaned(cleaned, rejected, moved, lines)
 
 
 def _soft(size: Array, usual: Array) -> Array:
     """Weights that fall off beyond SOFT times what is usual."""
     weight: Array = 1 / (1 + (size / np.maximum(SOFT * usual, LEAST_SIZE)) ** 2) ** 2
     return weight
-
-
-def stuck_stretches(problem: Problem) -> IntArray:
-    """For each pose (N,), in the problem's order, 0 or the number of the stretch it is in.
-
-    A stretch is a run of at least FEWEST_STUCK poses, in the order of the measurement, in which one
-    stylus reads exactly the same while the others vary.
-    """
-    measured = problem.measured.poses
-    read = measured.displacement
-    found = np.zeros(len(read), dtype=np.int64)
-    number = 0
-    for stylus in range(read.shape[1]):
-        starts = np.flatnonzero(np.diff(read[:, stylus], prepend=np.nan) != 0)
-        lengths = np.diff(starts, append=len(read))
-        for run in np.flatnonzero(lengths >= FEWEST_STUCK):
-            first, last = starts[run], starts[run] + lengths[run]
-            varies = np.ptp(np.delete(read[first:last], stylus, axis=1), axis=0).min()
-            if varies > LEAST_SIZE:
-                number += 1
-                found[first:last] = number
-    # what most poses do is no fault
-    if (found > 0).mean() > 0.5:
-        found[:] = 0
-    stretch: IntArray = found[problem.order]
-    return stretch
 
 
 def _without_stuck(kept: Mask, stretch: IntArray) -> Mask:
@@ -144,6 +122,20 @@ def _without_stuck(kept: Mask, stretch: IntArray) -> Mask:
         if kept[own].mean() < 0.5:
             judged[own] = False
     return judged
+
+
+def _stuck_lines(
+    stretches: tuple[Stretch, ...], stretch: IntArray, kept: Mask
+) -> tuple[str, ...]:
+    """A line for each stretch that is left out, and for each that could not be judged."""
+    lines = []
+    for number, one in enumerate(stretches, start=1):
+        own = stretch == number
+        if not own.any():
+            lines.append(one.line(len(kept)))
+        elif not kept[own].any():
+            lines.append(f'{one.line(len(kept))}; they are left out')
+    return tuple(lines)
 
 
 def _read_only(weight: Array) -> Array:
@@ -167,21 +159,24 @@ def _centers(problem: Problem, points: Array, kept: Mask) -> Array:
     return centers
 
 
-def _deviations(problem: Problem, arm: Arm, probe: Probe, kept: Mask) -> tuple[Array, Array]:
+def _deviations(
+    problem: Problem, arm: Arm, probe: Probe, kept: Mask, judging: Mask
+) -> tuple[Array, Array]:
     """Each pose's distance from its sphere's centre and what is usual there, both (N,), m.
 
-    Usual is the median, of all poses or of the sphere's own where that is larger, within reason:
-    postures differ in how far they carry the joints' errors.
+    Usual is the median of the `judging` poses, of all or of the sphere's own where that is larger,
+    within reason: postures differ in how far they carry the joints' errors.
     """
     points = probed_points(problem, arm, probe)
     centers = np.repeat(_centers(problem, points, kept), problem.counts, axis=0)
     away = np.linalg.norm(points - centers, axis=1)
-    several = np.repeat(problem.counts > 2, problem.counts)
-    of_all = float(np.median(away[several] if several.any() else away))
+    several = np.repeat(problem.counts > 2, problem.counts) & judging
+    of_all = float(np.median(away[several if several.any() else judging]))
     usual = np.empty(len(away))
     for s in range(len(problem.keys)):
         rows = problem.rows(s)
-        usual[rows] = np.clip(np.median(away[rows]), of_all, UNEVEN * of_all)
+        own = away[rows][judging[rows]]
+        usual[rows] = np.clip(np.median(own) if len(own) else of_all, of_all, UNEVEN * of_all)
     return away, usual
 
 
@@ -198,7 +193,7 @@ def _judged_distances(
     error = np.abs(_distance_errors(problem, arm, probe, kept))
     gauge = problem.measured.gauge
     certificate = np.array([gauge.distance_uncertainty(length) for length in problem.nominal])
-    _, pose = _deviations(problem, arm, probe, kept)
+    _, pose = _deviations(problem, arm, probe, kept, np.ones_like(kept))
     of_center = pose[problem.start[:-1]] / np.sqrt(problem.counts)
     of_poses = np.linalg.norm(of_center[problem.pairs], axis=1)
     return error, FAR * (certificate + of_poses) + LEAST_SIZE
@@ -262,7 +257,7 @@ def _reason(problem: Problem, point: Array, centers: Array, own: int) -> str:
     diameter = problem.measured.gauge.sphere_diameter
     if nearest != own and np.linalg.norm(centers[nearest] - point) < diameter / 2:
         return f'is at sphere {problem.keys[nearest, 1]}: mislabelled'
-    return 'away from the other poses of its sphere: slipped or misread'
+    return SLIPPED
 
 
 def _warnings(rejected: tuple[Rejected, ...], moved: Moved, poses: int) -> tuple[str, ...]:

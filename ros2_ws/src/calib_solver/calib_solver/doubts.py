@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a result's user is to doubt first: lines on what residuals and parameters look like."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calib_model.arm import JOINT_PARAMETERS, Arm
+from calib_model.parameters import ParameterTable
+from calib_model.probe import Probe
+from calib_model.probing import Measurement
+from calib_model.rotation import Array
+from calib_solver.leanings import named_leanings
+from calib_solver.mixups import beyond_belief, named_mixups
+from calib_solver.options import Options
+from calib_solver.problem import Problem
+from calib_solver.quality import Quality, assess
+from calib_solver.rejection import SLIPPED, Rejected
+from calib_solver.solving import Solver, try_probe_fit
+from calib_solver.sums import accumulate
+
+#: a pose's usual distance from its sphere's centre (m) below which nothing is mixed up
+SMALL = 3e-4
+#: unless so many of the poses had to be left out to get there
+LEFT_OUT = 0.02
+#: a parameter so many times further from its nominal value than is usual is not this arm's
+FAR = 10.0
+#: as long as it is told from nominal at all: so many times its own uncertainty
+TOLD = 5.0
+NAMED = 3
+
+
+def doubts_about_poses(
+    measured: Measurement, problem: Problem, table: ParameterTable, arm: Arm, probe: Probe,
+    quality: Quality, options: Options, rejected: Sequence[Rejected], known: bool,
+) -> tuple[str, ...]:  # fmt: skip
+    """Lines on what the residuals look like: something mixed up, or a fault's shadow.
+
+    `measured` is all that was measured, `problem` what is left of it without the `rejected`, and
+    `quality` its own; with `known`, what is wrong has been told already. Eq. 13 does not look at
+    the poses and leaves them scattered: that is no sign of anything.
+    """
+    if known or options.objective == 'distance':
+        return ()
+    spread = _spread(quality)
+    slipped = sum(one.reason == SLIPPED for one in rejected)
+    mixed_up: tuple[str, ...] = ()
+    if spread > SMALL or slipped > LEFT_OUT * len(measured.poses):
+        of_all = _spread(assess(Problem.of(measured), arm, probe)) if rejected else spread
+        mixed_up = _mixed_up(measured, of_all, table)
+    out = [one.pose - 1 for one in rejected]
+    pose_of = np.setdiff1d(np.arange(len(measured.poses)), out)
+    return mixed_up or named_leanings(problem, table, arm, probe, pose_of) or beyond_belief(spread)
+
+
+def _mixed_up(measured: Measurement, spread: float, table: ParameterTable) -> tuple[str, ...]:
+    def spread_of(changed: Problem) -> float:
+        # the prior keeps hypotheses that fit nothing from wandering for long
+        solver = Solver(table, Options(), accumulate)
+        solver.refuse_too_little(changed)
+        solver.start_from(changed, try_probe_fit(changed)[0])
+        return _spread(assess(changed, *solver.arm_and_probe(changed)))
+
+    return named_mixups(measured, spread, table, spread_of)
+
+
+def _spread(quality: Quality) -> float:
+    """The usual distance of a pose from its sphere's centre, m: the rms."""
+    return float(np.sqrt((quality.deviation**2).sum(axis=1).mean()))
+
+
+def doubts_about_parameters(
+    table: ParameterTable, full: Array, sigma: Array, uncertainty: Array
+) -> tuple[str, ...]:
+    """A line on what has gone further from nominal than arms of one make do.
+
+    `full` (C,) are all parameters, `sigma` (F,) what the free ones usually are off by and
+    `uncertainty` (F,) their standard deviations. The probe's mount may be anywhere.
+    """
+    change = (full - table.nominal)[table.free_columns]
+    times = np.abs(change) / sigma
+    far = (times > FAR) & (np.abs(change) > TOLD * uncertainty)
+    far &= np.array([parameter.kind in JOINT_PARAMETERS for parameter in table.free], dtype=bool)
+    rows = [row for row in np.argsort(-times, kind='stable') if far[row]]
+    if not rows:
+        return ()
+    named = []
+    for row in rows[:NAMED]:
+        parameter = table.free[row]
+        unit = 'mm' if parameter.unit == 'm' else 'mrad'
+        named.append(f'{parameter.name} by {change[row] * 1e3:+.3f} {unit}')
+    more = f' and {len(rows) - NAMED} more' if len(rows) > NAMED else ''
+    return (
+        f'further from nominal than {FAR:.0f} times what is usual: {", ".join(named)}{more}: is '
+        "the description this arm's, are its joints mastered?",
+    )

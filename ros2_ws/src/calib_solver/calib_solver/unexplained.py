@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the parameters cannot explain of where the poses lie, to first order.
+
+A pose's residual is how far its point is from the mean of its sphere's. What the free parameters
+could still take up is projected out of residuals and of what a fault would do to them, so that a
+fault is held against that alone which nothing else explains.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calib_model.arm import Arm
+from calib_model.jacobian import probing_jacobian
+from calib_model.parameters import ParameterTable
+from calib_model.probe import Probe
+from calib_model.rotation import Array
+from calib_solver.problem import IntArray, Problem
+
+#: residuals of this size (m) pull as much as a parameter that is off by its standard deviation
+USUAL = 1e-3
+
+
+class Unexplained:
+    """Residuals of the poses `rows` (N,) of a problem, free of what the parameters can do.
+
+    `joints` (N, n) and `p_probe` (N, 3) are theirs, `when` (N,) their places in the measurement,
+    `left` the residuals, m: (3 N,), or (3 N + F,) where `sigma` (F,) holds the free parameters.
+    Unheld they explain any residuals that are large: an arm of no size is at one place always.
+    """
+
+    def __init__(
+        self, problem: Problem, table: ParameterTable, arm: Arm, probe: Probe, rows: IntArray,
+        sigma: Array | None = None,
+    ) -> None:  # fmt: skip
+        self.joints, self.p_probe = problem.joints[rows], problem.centers[rows]
+        self.arm, self.probe = arm, probe
+        self.when = problem.order[rows]
+        self.measured = problem.measured
+        self._by_sphere = _BySphere(problem, rows)
+        p_base, jacobian = probing_jacobian(arm, probe, self.joints, self.p_probe)
+        free = self._by_sphere.centred(jacobian[:, :, table.free_columns])
+        scale = np.linalg.norm(free, axis=0) if sigma is None else 1 / sigma
+        free = free / np.where(scale > 0, scale, 1)
+        self._holding = 0 if sigma is None else len(sigma)
+        if sigma is not None:
+            free = np.concatenate([free, USUAL * np.eye(len(sigma))])
+        known, size, _ = np.linalg.svd(free, full_matrices=False)
+        self._known = known[:, size > 1e-9 * size.max(initial=0.0)]
+        self.left = self._unknown(self._by_sphere.centred(p_base))
+
+    def columns(self, by_fault: Array) -> tuple[Array, Array]:
+        """What faults (N, 3, F), m a unit each, do that no parameter can, a column each, and
+        which of them (F,) do anything of that kind."""
+        columns = self._unknown(self._by_sphere.centred(by_fault))
+        told: Array = (columns**2).sum(axis=0) > 1e-12 * (by_fault**2).sum(axis=(0, 1))
+        return columns, told
+
+    def explained(self, by_fault: Array) -> tuple[Array, Array]:
+        """The share of the residuals' variance that each fault explains, and its size, (F,)."""
+        columns, told = self.columns(by_fault)
+        square = np.where(told, (columns**2).sum(axis=0), 1.0)
+        size = np.where(told, columns.T @ self.left / square, 0.0)
+        return self.share(size**2 * square), size
+
+    def share(self, square: Array) -> Array:
+        """Of the residuals' sum of squares, the share that is `square`."""
+        whole = float(self.left @ self.left)
+        return square / (whole if whole > 0 else 1.0)
+
+    def _unknown(self, column: Array) -> Array:
+        held = np.zeros((self._holding, *column.shape[1:]))
+        column = np.concatenate([column, held])
+        left: Array = column - self._known @ (self._known.T @ column)
+        return left
+
+
+def rough_spread(problem: Problem, table: ParameterTable, sigma: Array) -> float:
+    """About how far (m, rms) poses would lie from their sphere's mean after a fit: one step from
+    the nominal parameters, which `sigma` (F,) holds from going anywhere."""
+    measured = problem.measured
+    rows = np.arange(len(problem.joints), dtype=np.int64)
+    p_base, jacobian = probing_jacobian(
+        measured.arm, measured.probe, problem.joints, problem.centers
+    )
+    by_sphere = _BySphere(problem, rows)
+    residual = by_sphere.centred(p_base)
+    slope = by_sphere.centred(jacobian[:, :, table.free_columns]) * sigma
+    gradient = slope.T @ residual
+    step = np.linalg.solve(slope.T @ slope + USUAL**2 * np.eye(len(sigma)), gradient)
+    cost = float(residual @ residual - gradient @ step)
+    return float(np.sqrt(max(cost, 0.0) / len(rows)))
+
+
+class _BySphere:
+    """Rows of poses sphere by sphere."""
+
+    def __init__(self, problem: Problem, rows: IntArray) -> None:
+        sphere = np.repeat(np.arange(len(problem.counts)), problem.counts)[rows]
+        self._start = np.flatnonzero(np.diff(sphere, prepend=-1))
+        self._count = np.diff(self._start, append=len(rows))
+
+    def centred(self, values: Array) -> Array:
+        """Minus the mean of the pose's sphere; (N, 3, ...) becomes (3 N, ...)."""
+        flat = values.reshape(len(values), -1)
+        mean = np.add.reduceat(flat, self._start, axis=0) / self._count[:, None]
+        flat = flat - np.repeat(mean, self._count, axis=0)
+        return flat.reshape(3 * len(values), *values.shape[2:])
