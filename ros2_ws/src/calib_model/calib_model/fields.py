@@ -19,10 +19,14 @@ def load_mapping(text: str, source: str, keys: tuple[str, ...]) -> Fields:
     """The top-level mapping of a YAML text that may have `keys`.
 
     Raises:
-        DescriptionError: not YAML, not a mapping, too large, a key that is there twice, or it uses
-            aliases or tags.
+        DescriptionError: not YAML, not a mapping, too large, a key that is there twice, it uses
+            aliases or tags, or it has none of the keys: the file of something else.
     """
-    return Fields(load_plain(text, source), source, '', keys)
+    found = Fields(load_plain(text, source), source, '', keys)
+    if found.content and not any(key in found for key in keys):
+        some = ', '.join(map(str, list(found.content)[:3]))
+        raise DescriptionError(source, '', f'expected {", ".join(keys)}, got {some}: another file?')
+    return found
 
 
 class Fields:

@@ -68,8 +68,6 @@ def parse_prior(text: str, source: str = 'prior') -> Prior:
         DescriptionError: an unknown kind, or a value that is no positive number.
     """
     top = load_mapping(text, source, ('sigma', 'strength'))
-    if 'sigma' not in top and 'strength' not in top:
-        raise DescriptionError(source, '', 'expected sigma, strength or both, got neither')
     sigma = dict(DEFAULT_SIGMA)
     if 'sigma' in top:
         given = top.mapping('sigma', tuple(DEFAULT_SIGMA))
