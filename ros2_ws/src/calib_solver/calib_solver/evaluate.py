@@ -11,6 +11,7 @@ from calib_model.command import CommandParser, run_command
 from calib_model.correction import parse_correction
 from calib_model.description import read_description
 from calib_model.progress import Progress
+from calib_solver.copies import copied_lines
 from calib_solver.loading import Sources, load_all
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
@@ -55,7 +56,7 @@ def evaluation_record(
     loaded = loaded.told_with(loaded.measured.arm, loaded.measured.probe, beyond)
     measured = loaded.measured
     if progress is not None:
-        for line in loaded.lines:
+        for line in (*copied_lines(loaded.copies), *loaded.lines):
             progress.say(line)
     quality = assess(Problem.of(measured), measured.arm, measured.probe, beyond)
     return {**quality_record(quality), 'spheres': sphere_records(quality.spheres)}

@@ -23,6 +23,7 @@ from calib_model.progress import Pace, Progress
 from calib_model.raw_measurement import Instruments, RawChoice
 from calib_solver.cluster import connected
 from calib_solver.compiled import threads
+from calib_solver.copies import copied_lines, copies, noise_lines, seen_lines
 from calib_solver.held_out import HeldOut, refuse_other_instruments
 from calib_solver.identification import Identification, Options, identify
 from calib_solver.parallel import Spread, in_processes
@@ -66,13 +67,14 @@ class Loaded:
 
     measured: Measurement
     raw: RawSpheres | None = None
+    copies: int = 0  # poses that were left out: others are the same to the last digit
 
     def told_by(self, spheres: ProbedSpheres) -> Loaded:
         """Numbered as the distances between these centres tell, where they do so clearly."""
         if self.raw is None or not self.raw.numbering.open:
             return self
         told = self.raw.told_by(spheres)
-        return Loaded(told.relabelled(self.measured, self.raw.numbering), told)
+        return replace(self, measured=told.relabelled(self.measured, self.raw.numbering), raw=told)
 
     def told_with(self, arm: Arm, probe: Probe, model: Correction | None = None) -> Loaded:
         """Numbered by the distances that this arm sees."""
@@ -84,6 +86,15 @@ class Loaded:
     def lines(self) -> tuple[str, ...]:
         """How bags without poses became a measurement."""
         return () if self.raw is None else (*self.raw.lines, self.raw.numbering.line())
+
+    def apart_from_copies(self) -> Loaded:
+        """Each pose once."""
+        poses = self.measured.poses
+        copy = copies(poses)
+        if not copy.any():
+            return self
+        measured = replace(self.measured, poses=poses.take(~copy))
+        return replace(self, measured=measured, copies=int(copy.sum()))
 
 
 def load(sources: Sources) -> Measurement:
@@ -116,7 +127,7 @@ def load_all(sources: Sources, progress: Progress | None = None) -> Loaded:
         pace.end()
     sorted_bags = [part.raw for part in found if part.raw is not None]
     if not sorted_bags:
-        return Loaded(_joined([part.measured for part in found])[0])
+        return Loaded(_joined([part.measured for part in found])[0]).apart_from_copies()
     raw = RawSpheres.of(sorted_bags)
     numbered = iter(raw.measurements())
     parts = [part.measured if part.raw is None else next(numbered) for part in found]
@@ -126,7 +137,7 @@ def load_all(sources: Sources, progress: Progress | None = None) -> Loaded:
         for part, shift in zip(found, shifts, strict=True) if part.raw is not None
         for number in range(1, len(part.raw.locations) + 1)
     )  # fmt: skip
-    return Loaded(measured, replace(raw, locations=locations))
+    return Loaded(measured, replace(raw, locations=locations)).apart_from_copies()
 
 
 def _joined(parts: Sequence[Measurement]) -> tuple[Measurement, list[int]]:
@@ -221,10 +232,13 @@ def calibrate(
     if sources.links:
         options = replace(options, links=read_links(sources.links, loaded.measured.arm))
     loaded, done, resampled = _identified(loaded, options, effort)
-    done = replace(done, warnings=(*_cut((*sources.bags, *test)), *done.warnings))
+    first = (*_cut((*sources.bags, *test)), *copied_lines(loaded.copies), *noise_lines(done))
+    done = replace(done, warnings=(*first, *done.warnings))
     held_out, notes = None, loaded.lines
     if unseen is not None:
         unseen = unseen.told_with(done.arm, done.probe, done.model)
+        seen = seen_lines(unseen.measured, loaded.measured)
+        done = replace(done, warnings=(*seen, *done.warnings))
         held_out = HeldOut.by(unseen.measured, done)
         notes = (*notes, *unseen.lines)
     record = result_record(done, held_out, resampled)

@@ -25,6 +25,12 @@ from calib_solver.sums import SphereSums
 
 #: the data hold a direction by themselves where their weight is so many times the prior's
 BY_FAR = 100.0
+#: m, of a pose's coordinate where so few poses are left to tell it by that all are met exactly
+ASSUMED_NOISE = 5e-5
+#: m or rad, of what neither poses nor a prior tell
+UNKNOWN = 1.0
+#: directions whose part of J'J is below this one of the largest are rounding
+ROUNDING = 1e-14
 
 
 @dataclass(frozen=True)
@@ -32,12 +38,14 @@ class Uncertainty:
     """`covariance` (F, F) of the free parameters (m, rad), and what went into it.
 
     `noise` is the standard deviation of a single probing pose per coordinate, m; `misfit` the
-    factor (1 or more) by which the locations scatter more than that noise explains.
+    factor (1 or more) by which the locations scatter more than that noise explains. The noise is
+    `assumed` where the poses are too few to tell it.
     """
 
     covariance: Array
     noise: float
     misfit: float
+    assumed: bool = False
 
     @property
     def standard(self) -> Array:
@@ -70,7 +78,9 @@ def estimate_uncertainty(
 
     `information` (F,) is strength / sigma^2 of the prior, `kappa` its weight in the cost.
     """
-    noise = pose_variance(sums, distance_errors(problem, sums)[1] if name == 'distance' else None)
+    assumed = redundancy(sums) < 1
+    slope = distance_errors(problem, sums)[1] if name == 'distance' else None
+    noise = ASSUMED_NOISE**2 if assumed else pose_variance(sums, slope)
     parts = gradient_noise(problem, name, sums)
     prior = kappa * information
     held = directions_held(quadratic.normal, prior)
@@ -79,11 +89,33 @@ def estimate_uncertainty(
     scatter = noise * misfit * parts.by_pose.sum(axis=0) + parts.by_certificate
     # the truth lies about nominal as the prior says: its pull is an error of that size
     pull = kappa**2 * information * strength
-    inverse, _ = _inverse(hessian)
+    inverse, untold = _told_and_untold(hessian, information, strength)
     # by way of a square root of the scatter, so that rounding leaves no negative variance
     squares, axes = np.linalg.eigh(scatter + np.diag(pull))
     root = inverse @ (axes * np.sqrt(np.maximum(squares, 0.0)))
-    return Uncertainty(root @ root.T, float(np.sqrt(noise)), misfit)
+    return Uncertainty(root @ root.T + untold, float(np.sqrt(noise)), misfit, assumed)
+
+
+def redundancy(sums: SphereSums) -> int:
+    """Coordinates of poses beyond their spheres' means, less the free parameters."""
+    return 3 * int(np.maximum(sums.count - 1, 0).sum()) - sums.gradient.shape[1]
+
+
+def _told_and_untold(
+    hessian: Array, information: Array, strength: float
+) -> tuple[Array, Array]:
+    """The inverse (F, F) along what was held in the fit, and the covariance (F, F) of the rest: the
+    prior's own, which had no weight where nothing was left over, or `UNKNOWN` without one."""
+    sigma = np.full(len(information), UNKNOWN)
+    known = information > 0
+    sigma[known] = np.sqrt(strength / information[known])
+    values, vectors = np.linalg.eigh(sigma[:, None] * hessian * sigma)
+    held = values > ROUNDING * values.max(initial=1e-300)
+    if held.all():
+        return _inverse(hessian)[0], np.zeros_like(hessian)
+    axes = sigma[:, None] * vectors
+    inverse = (axes[:, held] / values[held]) @ axes[:, held].T
+    return inverse, axes[:, ~held] @ axes[:, ~held].T
 
 
 def pose_variance(sums: SphereSums, slope: Array | None = None) -> float:
@@ -243,7 +275,7 @@ def _inverse(hessian: Array) -> tuple[Array, int]:
     many stand out."""
     scale = 1 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
     values, vectors = np.linalg.eigh(scale[:, None] * hessian * scale)
-    kept = values > 1e-14 * values.max(initial=1e-300)
+    kept = values > ROUNDING * values.max(initial=1e-300)
     inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
     result: Array = scale[:, None] * inverse * scale
     return result, int(kept.sum())

@@ -243,14 +243,24 @@ def test_nothing_is_written_when_the_held_out_bag_cannot_be_read(bags, tmp_path)
     assert not output.exists()
 
 
-def test_several_bags_are_one_measurement_with_locations_of_their_own(bags):
+def test_several_bags_are_one_measurement_with_locations_of_their_own(bags, tmp_path):
     seen, held_out = str(bags / 'seen'), str(bags / 'held_out')
     both = load(Sources((seen, held_out)))
     assert sorted(set(both.poses.location.tolist())) == [1, 2, 3, 4, 5]
-    twice = load(Sources((seen, seen)))
-    assert sorted(set(twice.poses.location.tolist())) == list(range(1, 9))
-    assert len(twice.poses) == 2 * len(load(Sources((seen,))).poses)
+    once = load(Sources((seen,)))
+    others = replace(once.poses, joints=once.poses.joints + 1e-6)
+    write_measurement(tmp_path / 'again', replace(once, poses=others))
+    again = load(Sources((seen, str(tmp_path / 'again'))))
+    assert sorted(set(again.poses.location.tolist())) == list(range(1, 9))
+    assert len(again.poses) == 2 * len(once.poses)
     assert bag_list(f'{seen}:{held_out}') == (seen, held_out)
+
+
+def test_poses_that_are_there_twice_count_once(bags):
+    seen = str(bags / 'seen')
+    once, twice = load(Sources((seen,))), load(Sources((seen, seen)))
+    assert (twice.poses.joints == once.poses.joints).all()
+    assert (twice.poses.location == once.poses.location).all()
 
 
 def test_bags_of_other_joints_or_another_gauge_do_not_go_together(bags, tmp_path, active_scene):
