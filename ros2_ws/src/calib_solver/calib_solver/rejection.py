@@ -24,6 +24,8 @@ from calib_solver.stuck import Stretch, set_apart, stuck_stretches
 #: a pose this many times further out than the median does not belong; normal noise along a single
 #: direction, the most straggling kind, gets there once in ten million poses
 FAR = 8.0
+#: poses with a stylus that stands still do not belong if they are so many times further out
+AWAY = 2.5
 #: beyond this many, a pose's weight falls off while the fit is still finding its place
 SOFT = 4.0
 #: a sphere's poses may scatter this many times as much as those of all spheres do
@@ -80,7 +82,7 @@ def clean(problem: Problem, solve: Solve) -> Cleaned:
     for round_number in range(ROUNDS):
         arm, probe = solve(current)
         away, usual = _deviations(problem, arm, probe, kept, stretch == 0)
-        now_kept = _without_stuck(away <= np.maximum(FAR * usual, LEAST_SIZE), stretch)
+        now_kept = _without_stuck(away / np.maximum(usual, LEAST_SIZE / FAR), stretch)
         now_moved = _moved_spheres(problem, arm, probe, now_kept)
         settled = np.array_equal(now_kept, kept) and now_moved == moved
         kept, moved = now_kept, now_moved
@@ -114,12 +116,13 @@ def _soft(size: Array, usual: Array) -> Array:
     return weight
 
 
-def _without_stuck(kept: Mask, stretch: IntArray) -> Mask:
-    """A stretch goes whole where most of it does not fit, and stays whole where it does."""
-    judged = kept.copy()
+def _without_stuck(times: Array, stretch: IntArray) -> Mask:
+    """Which poses belong that are so many `times` (N,) further away than is usual: a stretch goes
+    whole where it is away as a whole, and stays whole where it is not."""
+    judged = times <= FAR
     for number in range(1, int(stretch.max(initial=0)) + 1):
         own = stretch == number
-        if kept[own].mean() < 0.5:
+        if np.median(times[own]) > AWAY or judged[own].mean() < 0.5:
             judged[own] = False
     return judged
 

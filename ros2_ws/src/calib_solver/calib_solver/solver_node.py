@@ -40,6 +40,7 @@ from calib_solver.loading import Effort, Sources, bag_list, calibrate, with_urdf
 from calib_solver.markers import residuals
 from calib_solver.prior import chosen_prior
 from calib_solver.resampling import Plan
+from calib_solver.summary import in_one_line
 from calib_solver.target_table import TargetTable
 
 ABOUT = """\
@@ -191,7 +192,7 @@ class SolverNode(Node):
         response.notes = finished.notes
         response.warnings = record['warnings']
         response.written = [str(path) for path in finished.written]
-        response.message = finished.verdict
+        response.message = in_one_line(finished)
         self._show(finished.done)
 
     def _magnify(self, magnification: float) -> None:

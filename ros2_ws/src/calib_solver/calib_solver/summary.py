@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from calib_model.errors import LONGEST_LINE
 from calib_solver.loading import Calibration
 from calib_solver.quality import Quality
 from calib_solver.resampling_record import resampling_lines
@@ -52,6 +53,18 @@ def summary(calibration: Calibration) -> str:
     lines.append(calibration.verdict)
     lines += [f'wrote {path}' for path in calibration.written]
     return '\n'.join(lines)
+
+
+def in_one_line(calibration: Calibration) -> str:
+    """How it went, and the warnings behind it, in one line of bounded length."""
+    warnings = calibration.record['warnings']
+    line = calibration.verdict
+    for told, warning in enumerate(warnings):
+        longer = f'{line}; warning: {warning}'
+        if len(longer) > LONGEST_LINE:
+            return f'{line}; and {len(warnings) - told} more in `warnings`'
+        line = longer
+    return line
 
 
 def _parameters(record: Record) -> int:

@@ -27,7 +27,7 @@ from simulated_calibration import active, kr5, simulate  # noqa: E402
 from visualization_msgs.msg import MarkerArray  # noqa: E402
 
 from calib_bringup.domains import held_domain  # noqa: E402
-from calib_model.bag import write_measurement  # noqa: E402
+from calib_model.bag import read_measurement, write_measurement  # noqa: E402
 from calib_model.bag_writer import BagWriter  # noqa: E402
 from calib_model.topics import SOLVER_MARKERS  # noqa: E402
 from calib_model.urdf import arm_urdf  # noqa: E402
@@ -145,6 +145,20 @@ def same(message, record, where=''):
             assert field == value, place
 
 
+def test_the_message_names_what_is_wrong_with_a_measurement(ask, tmp_path):
+    right = read_measurement(DEMO)
+    joints = np.array(right.poses.joints)
+    joints[:, 1] *= -1
+    poses = replace(right.poses, joints=joints)
+    write_measurement(tmp_path / 'reversed', replace(right, poses=poses))
+    answer = ask(Identify, bag=str(tmp_path / 'reversed'))
+    assert answer.success and answer.message.startswith('converged'), answer.message
+    assert 'warning: the poses would fit' in answer.message
+    assert 'joint joint_a2 counted the other way' in answer.message
+    assert len(answer.message) <= 1100 and '\n' not in answer.message
+    assert all(line in answer.message for line in answer.warnings[:1])
+
+
 def test_identify_answers_what_the_command_writes(ask, files, tmp_path):
     bag, test = str(files / 'bag'), str(files / 'test')
     answer = ask(Identify, bag=bag, test=test, output=str(tmp_path / 'node'))
@@ -164,7 +178,7 @@ def test_identify_answers_what_the_command_writes(ask, files, tmp_path):
         same(answer.test_initial, quality['test_initial'])
     assert answer.has_test
     assert answer.has_probe_fit
-    assert 'converged' in answer.message
+    assert answer.message.startswith('converged') and 'warning' not in answer.message
     assert sorted(answer.written) == sorted(map(str, (tmp_path / 'node').iterdir()))
     assert answer.identified.distance.count == 24
     assert answer.identified.phi < answer.initial.phi / 100
