@@ -136,7 +136,10 @@ def decades(values: Array) -> Range:
 
 
 def spanning(low: float, high: float, most: int = 5) -> Range:
-    """Exactly from `low` to `high`, with the round ticks that are between."""
+    """Exactly from `low` to `high`, with the round ticks that are between; a single value stands in
+    the middle."""
+    if not high > low:
+        low, high = low - 0.5, high + 0.5
     step = round_step((high - low) / (most - 1))
     ticks = [step * k for k in range(ceil(low / step - 1e-9), floor(high / step + 1e-9) + 1)]
     return Range(low, high, tuple(ticks))
@@ -153,7 +156,8 @@ def ranges(chart: Chart, width: float, height: float) -> tuple[Range, Range]:
 
 def _equal(chart: Chart, width: float, height: float) -> tuple[Range, Range]:
     x, y = chart.x, chart.y
-    unit = 1.08 * max(np.ptp(x) / width, np.ptp(y) / height) or 1.0
+    rounding = 1e-9 * max(np.abs(x).max(), np.abs(y).max()) / min(width, height)
+    unit = max(1.08 * max(np.ptp(x) / width, np.ptp(y) / height), rounding) or 1.0
     found = []
     for values, size in ((x, width), (y, height)):
         middle = (values.min() + values.max()) / 2

@@ -14,6 +14,7 @@ from simulated_calibration import active, kr5, simulate
 
 from calib_model.bag import write_measurement
 from calib_model.description import gauge_yaml
+from calib_solver.charts import Chart, Series, ranges
 from calib_solver.figures import all_charts
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Options, identify
@@ -338,3 +339,12 @@ def test_gains_on_locations_left_out_are_the_record_s(beyond):
 def test_nothing_is_said_beyond_where_nothing_was_asked(written):
     _, page, *_ = written
     assert not {'Joint errors', 'Correction functions (eq. 12)'} & set(page.tables)
+
+
+@pytest.mark.parametrize('spread', [0.0, 1e-18, 1e-16, 1e-12])
+@pytest.mark.parametrize('middle', [0.0, 1.0, -300.0])
+def test_a_chart_of_what_is_all_at_one_place_has_room_around_it(spread, middle):
+    values = middle + spread * np.arange(3)
+    chart = Chart('c', 't', '', 'x', 'y', (Series(values, values, 'after'),), equal=True)
+    for axis in ranges(chart, 400.0, 300.0):
+        assert axis.low < middle < axis.high and np.isfinite(axis.ticks).all()
