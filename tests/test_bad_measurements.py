@@ -169,6 +169,10 @@ NAMED = {
     'an uneven bar the other way round': (
         lambda: on_an_uneven_bar(lambda n: 16 - n), r'better with spheres counted from the other'
     ),
+    'another gauge': (
+        lambda: with_centers(lambda n, c: c + [0.01 * np.sin(n), 0.01 * np.cos(n), 0]),
+        r'^distances between spheres still differ by .* mm \(rms\) .*not to be used',
+    ),
     'a certificate 2 % too long': (
         lambda: with_centers(lambda n, c: 1.02 * c),
         r'^the lengths of the arm come out (1\.9|2\.0).% longer throughout',

@@ -291,6 +291,24 @@ def test_an_output_that_cannot_be_is_one_line(
     assert broken.is_symlink() and loop.is_symlink()
 
 
+def test_no_file_takes_the_place_of_a_device_or_a_pipe(
+    ros2: Callable[..., Done], tmp_path: Path
+) -> None:
+    """A new file replaces an old one, and root may replace anything."""
+    pipe = tmp_path / 'pipe'
+    os.mkfifo(pipe)
+    results, urdf = tmp_path / 'results', tmp_path / 'results' / 'arm.urdf'
+    ros2('calib_solver', 'identify', DEMO, '--output', results)
+    ros2('calib_model', 'arm_from_urdf', urdf, pipe).one_line('not a regular file')
+    (results / 'robot.urdf').symlink_to(pipe)
+    done = ros2('calib_solver', 'identify', DEMO, '--output', results, '--urdf', urdf)
+    done.one_line('not a regular file')
+    device = os.stat('/dev/null')
+    for name in ('/dev/null', '/dev/stdout'):
+        ros2('calib_model', 'arm_from_urdf', urdf, name).one_line('not a regular file')
+    assert pipe.is_fifo() and os.stat('/dev/null').st_rdev == device.st_rdev != 0
+
+
 def test_a_missing_parent_is_made(ros2: Callable[..., Done], tmp_path: Path) -> None:
     done = ros2('calib_solver', 'identify', DEMO, '--output', tmp_path / 'a' / 'b')
     assert done.returncode == 0

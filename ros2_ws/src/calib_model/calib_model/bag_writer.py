@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import stat
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -180,8 +182,11 @@ def write_together(folder: Path, texts: Mapping[str, str | bytes]) -> None:
     """Write files that belong together: none takes its place before all are on disk.
 
     Raises:
-        OSError: one could not be written; what was there before is still there.
+        OSError: one could not be written, or a device, a pipe or a folder has its name; what was
+            there before is still there.
     """
+    for name in texts:
+        _refuse_other_than_a_file(folder / name)
     own = f'{os.getpid()}-{get_native_id()}'  # two requests may write to one folder at once
     parts = {name: folder / f'.{name}.{own}.part' for name in texts}
     try:
@@ -195,6 +200,16 @@ def write_together(folder: Path, texts: Mapping[str, str | bytes]) -> None:
     finally:
         for part in parts.values():
             part.unlink(missing_ok=True)
+
+
+def _refuse_other_than_a_file(path: Path) -> None:
+    """A new file takes the place of what has its name: for root that could be /dev/null itself."""
+    try:
+        regular = stat.S_ISREG(path.stat().st_mode)
+    except OSError:
+        return  # nothing there, or a link that leads nowhere
+    if not regular or os.path.realpath(path.parent) in ('/dev', '/proc/self/fd'):
+        raise OSError(errno.EINVAL, 'not a regular file')
 
 
 def _encoded(text: str) -> bytes:

@@ -29,6 +29,8 @@ BETTER = 4.0
 SIMPLER = 2.0
 #: by how many numbers spheres may have been counted wrong
 SHIFTS = (-3, -2, -1, 1, 2, 3)
+#: distances that are off by more than this (m) after the fit are another gauge's
+BEYOND = 1e-3
 #: lengths that grew by so many times what arms do, all together, are a matter of scale
 FAR = 5.0
 
@@ -42,7 +44,7 @@ def refuse_other_units(problem: Problem, center: Array) -> None:
     if len(problem.pairs) == 0:
         return
     ratio = float(np.median(_distances(problem, center) / problem.nominal))
-    if 500 < ratio < 2000 or 500 < 1 / ratio < 2000:
+    if 500 < ratio < 2000 or 0.0005 < ratio < 0.002:
         raise DataError(
             f'{problem.measured.source}: distances between spheres come out {ratio:.4g} times the '
             f"certificate's: are the lengths of {problem.measured.arm.name} and "
@@ -74,6 +76,17 @@ def named_sphere(problem: Problem, sums: SphereSums, held: Array, misfit: float)
     return (
         f'sphere {number} is {size * 1e3:.4f} mm from its place on the certificate at every '
         f'location: that alone explains {min(best, 1):.0%} of the distance errors',
+    )
+
+
+def beyond_certificate(error: Array) -> tuple[str, ...]:
+    """Distances whose errors (M,), m, no certificate worth the name leaves after a fit."""
+    size = _rms(error) if len(error) else 0.0
+    if size < BEYOND:
+        return ()
+    return (
+        f'distances between spheres still differ by {size * 1e3:.3f} mm (rms) from the '
+        "certificate's after the fit: another gauge, or other numbers than it has; not to be used",
     )
 
 

@@ -14,9 +14,10 @@ MIXING = np.random.default_rng(0).integers(1, 2**63, 64, dtype=np.uint64) | np.u
 
 
 def copies(poses: ProbingSet) -> NDArray[np.bool_]:
-    """Which poses (N,) have the sphere number, joints and readings of an earlier one, to the last
-    digit: a bag that was given twice, a recording played in a loop, rows pasted again. A location
-    is not looked at, as that of a second bag is counted on."""
+    """Which poses (N,) have the stamp, sphere number, joints and readings of an earlier one, to the
+    last digit: a bag that was given twice, a recording played in a loop. A location is not looked
+    at, as that of a second bag is counted on. An arm that comes back to where it was, at another
+    time, is measured anew."""
     rows = _rows(poses)
     key = _key(rows)
     _, first, group = np.unique(key, return_index=True, return_inverse=True)

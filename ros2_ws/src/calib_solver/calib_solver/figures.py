@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calib_model.bag_writer import write_whole
 from calib_model.errors import CalibrationError
 from calib_solver.charts import SHAPES, Chart, Series
 from calib_solver.held_out import HeldOut
@@ -168,7 +170,9 @@ def save_figures(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, figure in figures.items():
-            figure.savefig(folder / f'{name}.png', dpi=DPI)
+            drawn_file = BytesIO()
+            figure.savefig(drawn_file, dpi=DPI, format='png')
+            write_whole(folder / f'{name}.png', drawn_file.getvalue())
     except OSError as error:
         raise CalibrationError(f'{folder}: figures cannot be written: {error.strerror}') from error
     return [folder / f'{name}.png' for name in figures]

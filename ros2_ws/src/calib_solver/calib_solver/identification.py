@@ -15,6 +15,7 @@ from calib_model.probe import Probe
 from calib_model.probing import Measurement
 from calib_model.rotation import Array
 from calib_solver.certificate_doubts import (
+    beyond_certificate,
     named_numbers,
     named_scale,
     named_sphere,
@@ -158,18 +159,16 @@ def identify(
     initial = assess(problem, measured.arm, measured.probe)
     identified = assess(problem, arm, probe, model)
     sigma = options.prior.sigmas(table)
-    warnings = (
-        doubts_about_poses(
-            measured, problem, geometry, arm, probe, identified, options,
-            rejected, stuck_throughout,
-        )
-        + warnings
-        + (
-            named_numbers(problem, initial.spheres.center)
-            or named_sphere(problem, sums, fit.kappa * solver.information, uncertainty.misfit)
-            + named_scale(table, full, sigma)
-            + doubts_about_parameters(table, full, sigma, uncertainty.standard)
-        )
+    poses_lie_apart = doubts_about_poses(
+        measured, problem, geometry, arm, probe, identified, options, rejected, stuck_throughout
+    )
+    held = fit.kappa * solver.information
+    other_distances = () if poses_lie_apart else beyond_certificate(identified.distance)
+    warnings = poses_lie_apart + warnings
+    warnings += named_numbers(problem, initial.spheres.center) or (
+        (named_sphere(problem, sums, held, uncertainty.misfit) or other_distances)
+        + named_scale(table, full, sigma)
+        + doubts_about_parameters(table, full, sigma, uncertainty.standard)
     )
     done = Identification(
         problem, options, table, full, arm, probe, _with_weakest(fit, observability),

@@ -138,3 +138,13 @@ def test_what_is_far_from_nominal_is_told_unless_nothing_told_it(measured):
     assert doubts_about_parameters(*changed(measured, a1=4e-3), sure) == ()
     # where the probe is on the flange is what eq. 15 is for
     assert doubts_about_parameters(*changed(measured, probe_x=2.0), sure) == ()
+
+
+def test_poses_that_are_all_the_same_are_no_traceback(measured):
+    poses = measured.poses
+    same = replace(
+        poses, joints=np.tile(poses.joints[0], (len(poses), 1)),
+        displacement=np.tile(poses.displacement[0], (len(poses), 1)),
+    )  # fmt: skip
+    done = identify(replace(measured, poses=same))
+    assert any('still differ by' in line for line in done.warnings)
