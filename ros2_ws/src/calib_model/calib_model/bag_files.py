@@ -75,10 +75,14 @@ def _listed_files(folder: Path) -> list[Path]:
         raise BagError(f'{folder / METADATA}: {NO_METADATA}') from error
     packed = [file.with_name(f'{file.name}.zstd') for file in files]
     # a recording that was stopped hard: files are compressed, their list was not written anew
-    return [
+    there = [
         pack if pack.is_file() and not file.is_file() else file
         for file, pack in zip(files, packed, strict=True)
     ]
+    for file in there:
+        if there.count(file) > 1:
+            raise BagError(f'{folder / METADATA}: lists {file.name} twice')
+    return there
 
 
 def _information(folder: Path) -> dict[str, Any]:

@@ -220,3 +220,15 @@ def test_metadata_of_any_other_kind_is_named(text: str, tmp_path: Path) -> None:
     (tmp_path / 'metadata.yaml').write_text(text)
     with pytest.raises(BagError, match=r'metadata\.yaml: not a rosbag2 metadata file'):
         read_measurement(tmp_path)
+
+
+def test_metadata_that_lists_a_file_twice_does_not_double_its_poses(
+    measured: Measurement, tmp_path: Path
+) -> None:
+    write_measurement(tmp_path / 'bag', measured)
+    metadata = tmp_path / 'bag' / 'metadata.yaml'
+    listed = '- bag_0.mcap'
+    text = metadata.read_text().replace(listed, f'{listed}\n  {listed}', 1)
+    metadata.write_text(text)
+    with pytest.raises(BagError, match=r'metadata\.yaml: lists bag_0\.mcap twice'):
+        read_measurement(tmp_path / 'bag')

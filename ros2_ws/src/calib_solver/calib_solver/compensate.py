@@ -21,7 +21,7 @@ from calib_solver.compensation import (
     compensate_targets,
     read_calibrated,
 )
-from calib_solver.target_table import TargetTable, joints_csv, read_targets
+from calib_solver.target_table import FARTHEST, TargetTable, joints_csv, read_targets
 from calib_solver.tool_inverse import Targets
 
 ABOUT = """\
@@ -138,8 +138,8 @@ def rows_of(
         if len(values) % width or (count and len(values) not in (0, count * width)):
             expected = f'{count} rows of {width}' if count else f'rows of {width}'
             raise DataError(f'{name}: expected {expected} numbers, got {len(values)} in all')
-        if not np.isfinite(values).all():
-            raise DataError(f'{name}: expected finite numbers')
+        if not (np.abs(values) <= FARTHEST).all():
+            raise DataError(f'{name}: expected numbers up to {FARTHEST:g} (m or rad)')
         count = count or len(values) // width
         blocks.append(np.reshape(values, (-1, width)) if len(values) else None)
     if blocks[0] is None and (blocks[1] is not None or blocks[2] is None):

@@ -21,6 +21,8 @@ QUATERNION = ('qx', 'qy', 'qz', 'qw')
 TIME = 'time'
 #: by how much a quaternion's length may differ from 1: they are often written with few digits
 LOOSE = 1e-2
+#: m or rad: nothing that far is a target
+FARTHEST = 1e4
 LARGEST_TABLE = 32 * 1024 * 1024  # bytes
 EXPECTED = 'expected x,y,z[,rx,ry,rz or qx,qy,qz,qw][,q1..qn], or q1..qn, and time where wanted'
 
@@ -61,9 +63,10 @@ def read_targets(path: str | Path, n: int) -> TargetTable:
         raise TableError(f'{source}: not UTF-8 text') from error
     header, rows, lines = _cells(text, source)
     _check_header(header, n, source)
+    limits = [math.inf if name == TIME else FARTHEST for name in header]
     values = np.array([
-        [_number(cell, f'{source}, line {line}, column {name}')
-         for name, cell in zip(header, row, strict=True)]
+        [_number(cell, f'{source}, line {line}, column {name}', limit)
+         for name, cell, limit in zip(header, row, limits, strict=True)]
         for row, line in zip(rows, lines, strict=True)
     ])  # fmt: skip
     columns = {name: values[:, i] for i, name in enumerate(header)}
@@ -117,13 +120,15 @@ def _joints(n: int) -> tuple[str, ...]:
     return tuple(f'q{i}' for i in range(1, n + 1))
 
 
-def _number(cell: str, place: str) -> float:
+def _number(cell: str, place: str, farthest: float) -> float:
     try:
         value = float(cell)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
         raise TableError(f'{place}: expected a number, got {cell[:40]!r}')
+    if abs(value) > farthest:
+        raise TableError(f'{place}: expected {farthest:g} m or rad at most, got {value:g}')
     return value
 
 
