@@ -102,7 +102,7 @@ def messages(stretch: RawStretch) -> list[JointSample | Reading]:
     return sorted(both, key=lambda each: each.stamp)
 
 
-@pytest.mark.parametrize('seed', range(1, 7))
+@pytest.mark.parametrize('seed', range(1, 4))
 def test_half_a_minute_at_one_sphere_promises_no_more_than_it_can(scene, seed):
     """All of the arm's parameters bend to one sphere: stretches of contact agree, and are wrong."""
     world, sides = scene.world(seed), {3: scene.placements[3]}
