@@ -249,7 +249,7 @@ def test_streams_in_any_disorder_are_refused_or_paired(files: Path, tmp_path: Pa
         name, words = rng.choice(ways)
         called(name, files, [str(bag), *words], tmp_path / 'out')
 
-    well, refused = outcomes('streams', len(DISORDERS), call)
+    well, refused = outcomes('streams', 2 * len(DISORDERS), call)
     assert well > 5 and refused > 5
 
 
