@@ -11,6 +11,7 @@ from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
+import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -160,3 +161,17 @@ class Peer:
         self._executor.shutdown()
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
+
+
+@pytest.fixture
+def graph(domain, tmp_path):
+    with Children() as children:
+        yield Graph(children, domain, tmp_path)
+
+
+@pytest.fixture
+def peer(graph, monkeypatch):
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    peer = Peer(int(graph.env['ROS_DOMAIN_ID']))
+    yield peer
+    peer.close()

@@ -15,30 +15,17 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='no ROS 2 here')
 pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-from process_graph import ARM, CAPTURE, CONFIG, OPERATOR, PROBE, Graph, Peer  # noqa: E402
+import process_graph  # noqa: E402
+from process_graph import ARM, CAPTURE, CONFIG, OPERATOR, PROBE  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
-from calib_bringup.processes import Children  # noqa: E402
 from calib_model.bag_reader import read_messages  # noqa: E402
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 pytestmark = pytest.mark.timeout(120)
-
-
-@pytest.fixture
-def graph(domain, tmp_path):
-    with Children() as children:
-        yield Graph(children, domain, tmp_path)
-
-
-@pytest.fixture
-def peer(graph, monkeypatch):
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    peer = Peer(int(graph.env['ROS_DOMAIN_ID']))
-    yield peer
-    peer.close()
+graph, peer = process_graph.graph, process_graph.peer
 
 
 @pytest.fixture

@@ -15,11 +15,12 @@ import pytest
 pytest.importorskip('rclpy', reason='no ROS 2 here')
 pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
 sys.path.insert(0, str(Path(__file__).resolve().parent))
+import process_graph  # noqa: E402
 from calib_interfaces.msg import StylusDisplacements  # noqa: E402
-from process_graph import CAPTURE, CONFIG, OPERATOR, Graph, Peer  # noqa: E402
+from process_graph import CAPTURE, CONFIG, OPERATOR  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 
-from calib_bringup.processes import Child, Children  # noqa: E402
+from calib_bringup.processes import Child  # noqa: E402
 from calib_capture.led_note import LED_NOTE, LedNote  # noqa: E402
 from calib_capture.messages import stamp_of  # noqa: E402
 from calib_capture.pair import pair_led  # noqa: E402
@@ -33,20 +34,7 @@ TAKEN = re.compile(r'(\d+) poses of 1 spheres taken from (\d+) readings')
 LATE = re.compile(r'(\d+) joint states out of order')
 BRIDGED = re.compile(r'(\d+) readings paired across missing joint states')
 pytestmark = pytest.mark.timeout(120)
-
-
-@pytest.fixture
-def graph(domain, tmp_path):
-    with Children() as children:
-        yield Graph(children, domain, tmp_path)
-
-
-@pytest.fixture
-def peer(graph, monkeypatch):
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    peer = Peer(int(graph.env['ROS_DOMAIN_ID']))
-    yield peer
-    peer.close()
+graph, peer = process_graph.graph, process_graph.peer
 
 
 def assert_as_sent(poses, states, readings) -> None:

@@ -15,7 +15,6 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.executors import Executor
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
 
 from calib_capture.capture_parameters_node import ParameterReader
 from calib_capture.capturing_node import Capturing, Stopped, Watcher
@@ -30,7 +29,7 @@ from calib_model.command import run_command
 from calib_model.errors import ParameterError
 from calib_model.parameters_node import warn_of_unknown
 from calib_model.progress import Progress
-from calib_model.run_node import NodeCommand
+from calib_model.run_node import NodeCommand, init
 
 ABOUT = """\
 Runs a measuring program on the arm and the probe that it hears, and records the bag. With
@@ -92,10 +91,7 @@ COMMAND = NodeCommand('calib_capture', 'capture', ABOUT, EXAMPLE, _read_paramete
 
 def _capture() -> int:
     COMMAND.parse(sys.argv)
-    try:
-        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # what rcl raises for arguments it cannot parse
-        raise ParameterError(str(error).partition(', at ')[0]) from error
+    init(sys.argv)
     node: CaptureNode | None = None
     try:
         node = CaptureNode()

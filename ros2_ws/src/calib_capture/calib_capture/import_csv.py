@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import tempfile
 from pathlib import Path
 
 from calib_capture.pose_table import read_table
 from calib_model.bag import write_measurement
+from calib_model.bag_writer import refuse_taken
 from calib_model.command import CommandParser, run_command
 from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.errors import BagError
@@ -40,8 +40,7 @@ def import_csv(
         DataError: readings that fit no sphere of the gauge.
         BagError: there is something at `out` already, or it cannot be written.
     """
-    if os.path.lexists(out):
-        raise BagError(f'{out}: exists already, a bag is never overwritten')
+    refuse_taken(out)
     arm = read_description(arm_file, parse_arm)
     probe = read_description(probe_file, parse_probe)
     gauge = read_description(gauge_file, parse_gauge)

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import tempfile
 from argparse import Namespace
@@ -17,6 +16,7 @@ from calib_capture.repeat import Repeated, repeat_pairing
 from calib_capture.repeat_led import RepeatedLed, repeat_led
 from calib_model.bag import write_measurement
 from calib_model.bag_reader import read_note
+from calib_model.bag_writer import refuse_taken
 from calib_model.bounds import PAIRING
 from calib_model.command import CommandParser, UsageError, number_from, run_command
 from calib_model.description import read_description
@@ -93,8 +93,7 @@ def pair_led(raw: Path, out: Path, note: LedNote, correct_clock: bool = False) -
 
 
 def _refuse_existing(out: Path) -> None:
-    if os.path.lexists(out):
-        raise BagError(f'{out}: exists already, a bag is never overwritten')
+    refuse_taken(out)
 
 
 def _write(out: Path, measured: Measurement) -> None:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
@@ -28,7 +27,7 @@ from calib_model.bag_files import ZSTD, bag_files, files_in, open_unpacked, unli
 from calib_model.bag_reader import DAMAGE
 from calib_model.bag_sqlite import is_sqlite
 from calib_model.bag_unpacking import LARGEST_RECORD, chunk_content, unpacked_zstd
-from calib_model.bag_writer import BagWriter, write_whole
+from calib_model.bag_writer import BagWriter, refuse_taken, write_whole
 from calib_model.errors import BagError, DescriptionError
 from calib_model.plain_yaml import load_plain
 from calib_model.progress import Pace, Progress
@@ -82,8 +81,7 @@ def recover(bad: str | Path, out: str | Path, progress: Progress | None = None) 
         BagError: no bag at `bad`, nothing in it to be had, or `out` exists or cannot be written.
     """
     bad, out = Path(bad), Path(out)
-    if os.path.lexists(out):
-        raise BagError(f'{out}: exists already, a bag is never overwritten')
+    refuse_taken(out)
     files, found = _files_of(bad), Recovery()
     try:
         out.parent.mkdir(parents=True, exist_ok=True)

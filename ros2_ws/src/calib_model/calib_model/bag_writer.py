@@ -20,6 +20,18 @@ from calib_model.bag_account import Definition, FileAccount, metadata_yaml
 from calib_model.errors import BagError
 from calib_model.topics import Topic
 
+TAKEN = '{}: exists already, a bag is never overwritten'
+
+
+def refuse_taken(path: str | Path) -> None:
+    """Nothing, while a bag can be made at `path`.
+
+    Raises:
+        BagError: there is something, be it a link that leads nowhere.
+    """
+    if os.path.lexists(path):
+        raise BagError(TAKEN.format(path))
+
 
 class BagWriter:
     """A bag being recorded; `path` is its folder, which must not exist.
@@ -48,7 +60,7 @@ class BagWriter:
                 self.path.mkdir(parents=True)
             self._stream = (self.path / self._account.name).open('wb')
         except FileExistsError:
-            raise BagError(f'{self.path}: exists already, a bag is never overwritten') from None
+            raise BagError(TAKEN.format(self.path)) from None
         except OSError as error:
             raise BagError(f'{self.path}: cannot be written: {error.strerror}') from error
         self._disk = _Disk(self.path)

@@ -174,7 +174,7 @@ def identify(
         problem, options, table, full, arm, probe, _with_weakest(fit, observability),
         observability, uncertainty, probe_fit,
         initial, identified,
-        rejected, time.perf_counter() - begun, tuple(warnings), chosen,
+        rejected, time.perf_counter() - begun, warnings, chosen,
         solver.least_noise, errors,
     )  # fmt: skip
     return done if options.correction == 'off' else _corrected(done, begun)

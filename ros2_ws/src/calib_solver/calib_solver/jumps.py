@@ -10,7 +10,7 @@ import numpy as np
 
 from calib_model.kinematics import point_derivatives
 from calib_model.parameters import ParameterTable
-from calib_model.probing import Measurement
+from calib_model.probing import Measurement, ProbingSet
 from calib_model.rotation import Array
 from calib_solver.problem import IntArray, Problem
 from calib_solver.unexplained import Unexplained
@@ -38,6 +38,11 @@ class Jump:
         """Whether it is there at places (N,) of the measurement."""
         there: np.ndarray[tuple[int, ...], np.dtype[np.bool_]] = when + 1 >= self.first
         return there if self.last is None else there & (when + 1 <= self.last)
+
+    def removed(self, poses: ProbingSet) -> ProbingSet:
+        """All poses of the measurement without it."""
+        there = self.holds(np.arange(len(poses), dtype=np.int64))
+        return without(poses, self.joint, np.where(there, self.size, 0.0))
 
     def text(self, pose_of: IntArray) -> str:
         """What it did; `pose_of` (N,) are the poses' places in the measurement as it was made."""
@@ -110,7 +115,8 @@ def _closed_in_on(
     when = np.arange(len(measured.poses), dtype=np.int64)
     off: Array = np.zeros(len(when))
     for _ in range(STEPS):
-        residuals = _at_nominal(without(measured, joint, off), table, sigma)
+        poses = without(measured.poses, joint, off)
+        residuals = _at_nominal(replace(measured, poses=poses), table, sigma)
         (more,) = likely_jumps(residuals, moments, (joint,))
         off = off + more.size * more.holds(when)
         if abs(more.size) < SMALL:
@@ -130,10 +136,9 @@ def _closed_in_on(
 
 def _sized(measured: Measurement, table: ParameterTable, sigma: Array, jump: Jump) -> Jump:
     """The same jump with the size that explains most."""
-    when = np.arange(len(measured.poses), dtype=np.int64)
     for _ in range(REFINED):
-        off = np.where(jump.holds(when), jump.size, 0.0)
-        residuals = _at_nominal(without(measured, jump.joint, off), table, sigma)
+        poses = jump.removed(measured.poses)
+        residuals = _at_nominal(replace(measured, poses=poses), table, sigma)
         by_joint = _by_joint(residuals)[:, :, jump.joint]
         by_jump = by_joint * jump.holds(residuals.when)[:, None]
         _, size = residuals.explained(by_jump[:, :, None])
@@ -141,8 +146,8 @@ def _sized(measured: Measurement, table: ParameterTable, sigma: Array, jump: Jum
     return jump
 
 
-def without(measured: Measurement, joint: int, off: Array) -> Measurement:
-    """The measurement with `off` (N,), rad, taken from a joint's readings."""
-    joints = np.array(measured.poses.joints)
+def without(poses: ProbingSet, joint: int, off: Array) -> ProbingSet:
+    """The poses with `off` (N,), rad, taken from a joint's readings."""
+    joints = np.array(poses.joints)
     joints[:, joint] -= off
-    return replace(measured, poses=replace(measured.poses, joints=joints))
+    return replace(poses, joints=joints)

@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 
 from calib_model.errors import CalibrationError
-from calib_model.parameters import DEFAULT_SIGMA, ParameterTable
+from calib_model.parameters import ParameterTable
 from calib_model.probe import ActiveProbe
 from calib_model.probing import Measurement, ProbingSet
 from calib_model.rotation import Array
-from calib_solver.jumps import Jump, large_jumps
+from calib_solver.jumps import large_jumps
+from calib_solver.prior import DEFAULT_PRIOR
 from calib_solver.problem import IntArray, Problem
 from calib_solver.unexplained import rough_spread
 
@@ -64,7 +65,7 @@ def named_mixups(
 def _likely(
     few: Measurement, what: Iterable[Mixup], spread: float, table: ParameterTable, spread_of: Spread
 ) -> tuple[str, ...]:
-    sigma = _usual(table)
+    sigma = DEFAULT_PRIOR.sigmas(table)
     tried: list[tuple[float, str, Problem]] = []
     for mixup in what:
         try:
@@ -104,11 +105,12 @@ def mixups(measured: Measurement) -> Iterator[Mixup]:
     """What can be mixed up in this arm and probe."""
     names = measured.arm.joint_names
     every = range(len(names))
-    yield Mixup('joint positions taken as degrees', _scaled_joints(every, np.pi / 180))
-    yield Mixup('joint positions taken as turned to radians twice', _scaled_joints(every, DEGREES))
+    yield Mixup('joint positions taken as degrees', _scaled('joints', every, np.pi / 180))
+    twice = 'joint positions taken as turned to radians twice'
+    yield Mixup(twice, _scaled('joints', every, DEGREES))
     for i, name in enumerate(names):
-        yield Mixup(f'joint {name} taken as degrees', _scaled_joints([i], np.pi / 180))
-        yield Mixup(f'joint {name} counted the other way', _scaled_joints([i], -1.0))
+        yield Mixup(f'joint {name} taken as degrees', _scaled('joints', [i], np.pi / 180))
+        yield Mixup(f'joint {name} counted the other way', _scaled('joints', [i], -1.0))
         for degrees in (90, -90, 180):
             yield Mixup(f'{degrees} deg added to joint {name}', _turned_joint(i, degrees))
     for i, j in combinations(range(len(names)), 2):
@@ -117,67 +119,48 @@ def mixups(measured: Measurement) -> Iterator[Mixup]:
         for i, j in combinations(range(3), 2):
             yield Mixup(f'styli {i + 1} and {j + 1} exchanged', _swapped('displacement', i, j))
         for i in range(3):
-            yield Mixup(f'the sign of stylus {i + 1} reversed', _reversed_stylus(i))
+            yield Mixup(f'the sign of stylus {i + 1} reversed', _scaled('displacement', [i], -1.0))
 
 
 def _swapped(column: str, i: int, j: int) -> Change:
-    def change(poses: ProbingSet) -> ProbingSet:
-        values: Any = np.array(getattr(poses, column))
+    def exchange(values: Array) -> None:
         values[:, [i, j]] = values[:, [j, i]]
-        return replace(poses, **{column: values})
 
-    return change
+    return _changed(column, exchange)
 
 
-def _scaled_joints(joints: Iterable[int], factor: float) -> Change:
-    def change(poses: ProbingSet) -> ProbingSet:
-        q = np.array(poses.joints)
-        q[:, list(joints)] *= factor
-        return replace(poses, joints=q)
+def _scaled(column: str, places: Iterable[int], factor: float) -> Change:
+    def scale(values: Array) -> None:
+        values[:, list(places)] *= factor
 
-    return change
+    return _changed(column, scale)
 
 
 def _turned_joint(joint: int, degrees: float) -> Change:
-    def change(poses: ProbingSet) -> ProbingSet:
-        q = np.array(poses.joints)
-        q[:, joint] += np.radians(degrees)
-        return replace(poses, joints=q)
+    def turn(values: Array) -> None:
+        values[:, joint] += np.radians(degrees)
 
-    return change
+    return _changed('joints', turn)
 
 
-def _reversed_stylus(stylus: int) -> Change:
-    def change(poses: ProbingSet) -> ProbingSet:
-        read = np.array(poses.displacement)
-        read[:, stylus] *= -1
-        return replace(poses, displacement=read)
+def _changed(column: str, change: Callable[[Array], None]) -> Change:
+    """`change` done to a copy of the joints or the displacements."""
 
-    return change
+    def changed(poses: ProbingSet) -> ProbingSet:
+        values: Any = np.array(getattr(poses, column))
+        change(values)
+        return replace(poses, **{column: values})
+
+    return changed
 
 
 def _jumps(few: Measurement, table: ParameterTable, places: IntArray) -> Iterator[Mixup]:
     """Encoders that may have jumped; `places` (N,) are those of `few` in the whole measurement."""
     if len(few.poses) < FEWEST_TO_JUMP:
         return
-    for jump in large_jumps(few, table, _usual(table)):
+    for jump in large_jumps(few, table, DEFAULT_PRIOR.sigmas(table)):
         name = few.arm.joint_names[jump.joint]
-        yield Mixup(f'joint {name} put right where it {jump.text(places)}', _without(jump))
-
-
-def _usual(table: ParameterTable) -> Array:
-    """What the free parameters (F,) of an arm usually are off by, m or rad."""
-    return np.array([DEFAULT_SIGMA[parameter.kind] for parameter in table.free])
-
-
-def _without(jump: Jump) -> Change:
-    def change(poses: ProbingSet) -> ProbingSet:
-        there = jump.holds(np.arange(len(poses), dtype=np.int64))
-        q = np.array(poses.joints)
-        q[:, jump.joint] -= jump.size * there
-        return replace(poses, joints=q)
-
-    return change
+        yield Mixup(f'joint {name} put right where it {jump.text(places)}', jump.removed)
 
 
 def _places(count: int) -> IntArray:

@@ -10,11 +10,11 @@ import pytest
 from simulated_calibration import active, iiwa, kr5, passive, random_arm, simulate, ur_like
 
 from calib_model.freedom import identifiable_table
-from calib_model.parameters import DEFAULT_SIGMA
 from calib_solver.certificate_doubts import named_scale
 from calib_solver.doubts import doubts_about_parameters
 from calib_solver.identification import identify
 from calib_solver.jumps import large_jumps, likely_jumps, without
+from calib_solver.prior import DEFAULT_PRIOR
 from calib_solver.problem import Problem
 from calib_solver.stuck import set_apart, stuck_stretches
 from calib_solver.unexplained import Unexplained, rough_spread
@@ -28,10 +28,6 @@ def measured():
     return simulate(kr5(), active(), 31, locations=4, poses=15, noise=1e-5).measured
 
 
-def usual(table):
-    return np.array([DEFAULT_SIGMA[parameter.kind] for parameter in table.free])
-
-
 def table_of(measured):
     return identifiable_table(measured.arm, measured.probe, (), ())
 
@@ -40,7 +36,7 @@ def jumped(measured, joint, size, first, last=None):
     """With a joint that reads `size` (rad) too much from pose `first` on, from 1."""
     off = np.zeros(len(measured.poses))
     off[first - 1 : last] = -size
-    return without(measured, joint, off)
+    return replace(measured, poses=without(measured.poses, joint, off))
 
 
 @pytest.mark.parametrize('size', [-0.8, -0.1, 0.01, 0.3])
@@ -50,13 +46,13 @@ def test_a_jump_of_any_size_is_found_with_its_joint_size_and_moment(make, size):
     # within a location: between two of them the gauge might as well have turned
     wrong = jumped(measured, 2, size, 99)
     table = table_of(wrong)
-    found = large_jumps(wrong, table, usual(table))[0]
+    found = large_jumps(wrong, table, DEFAULT_PRIOR.sigmas(table))[0]
     assert (found.joint, found.last) == (2, None)
     assert abs(found.first - 99) <= 1
     assert found.size == pytest.approx(size, rel=0.02)
     mended = rough_spread(Problem.of(jumped(wrong, 2, -found.size, found.first)), table,
-                          usual(table))  # fmt: skip
-    assert mended < rough_spread(Problem.of(wrong), table, usual(table)) / 4
+                          DEFAULT_PRIOR.sigmas(table))  # fmt: skip
+    assert mended < rough_spread(Problem.of(wrong), table, DEFAULT_PRIOR.sigmas(table)) / 4
 
 
 def test_a_jump_and_back_is_told_from_one_for_good(measured):
@@ -119,7 +115,7 @@ def changed(measured, share=0.0, **lengths):
         if parameter.kind in ('a', 'd'):
             full[row] *= 1 + share
         full[row] += lengths.get(parameter.name, 0.0)
-    return table, full, usual(table)
+    return table, full, DEFAULT_PRIOR.sigmas(table)
 
 
 def test_lengths_that_all_grow_by_more_than_arms_do_are_a_matter_of_scale(measured):

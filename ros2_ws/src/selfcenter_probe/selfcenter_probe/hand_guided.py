@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import tempfile
 import time
@@ -12,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from calib_model.bag import write_measurement
+from calib_model.bag_writer import refuse_taken
 from calib_model.command import CommandParser, UsageError, run_command
 from calib_model.errors import BagError
 from calib_model.probing import Measurement, group_by_sphere
@@ -162,8 +162,7 @@ def run(argv: Sequence[str] | None = None) -> None:
         CalibrationError: anything that keeps it from being done.
     """
     given = arguments().parse_args(argv)
-    if os.path.lexists(given.out):
-        raise BagError(f'{given.out}: exists already, a bag is never overwritten')
+    refuse_taken(given.out)
     scene = read_scene(given.probe, {name: getattr(given, name) for name in FILES})
     settings = checked(given, scene)
     world = scene.world(given.seed)
