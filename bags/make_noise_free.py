@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes `bags/noise_free`: the demo's program probed in a world without any noise.
 
-    source env.bash && python bags/make_noise_free.py bags/noise_free
+source env.bash && python bags/make_noise_free.py bags/noise_free
 """
 
 from __future__ import annotations
@@ -11,15 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from calib_capture.planner import Planner
-from calib_capture.program import ProgramSettings
-from calib_model.bag import write_measurement
-from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
-from calib_model.placement import parse_placements
-from calib_model.probing import Measurement
-from selfcenter_probe.magnitudes import parse_magnitudes
-from selfcenter_probe.simulation import probe_postures
-from selfcenter_probe.world import World
+from calib_capture.program import Planner, ProgramSettings
+from calib_model.bags import write_measurement
+from calib_model.descriptions import (
+    parse_arm,
+    parse_gauge,
+    parse_placements,
+    parse_probe,
+    read_description,
+)
+from calib_model.measurement import Measurement
+from selfcenter_probe.simulation import World, parse_magnitudes, probe_postures
 
 SOURCE = Path(__file__).parents[1] / 'ros2_ws/src'
 CONFIG = SOURCE / 'calib_bringup/config'

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 from benchmarks.measuring import Part, Row, Target, best_of, timed
 from benchmarks.problems import faro_measurement
-from calib_model.bag import write_measurement
+from calib_model.bags import write_measurement
 
 #: seconds, on 2 cores
 LIMIT = 2.0
@@ -27,8 +27,10 @@ def whole_command(poses: int, rounds: int) -> Part:
         words = [str(bag), '--output', str(Path(folder) / 'results')]
         contenders = {
             BARE: _run([sys.executable, '-c', 'import numpy']),
-            'nothing but --help': _run([sys.executable, '-m', 'calib_solver.identify', '--help']),
-            'identify BAG': _run([sys.executable, '-m', 'calib_solver.identify', *words]),
+            'nothing but --help': _run(
+                [sys.executable, '-m', 'calib_solver.commands.identify', '--help']
+            ),
+            'identify BAG': _run([sys.executable, '-m', 'calib_solver.commands.identify', *words]),
         }
         if shutil.which('ros2'):
             command = ['ros2', 'run', 'calib_solver', 'identify', *words]

@@ -14,15 +14,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib_model.rotation import Array
-from calib_solver.objectives import (
-    Quadratic,
-    distance_errors,
-    repeatability,
-    repeatability_weights,
-)
-from calib_solver.problem import Problem
-from calib_solver.sums import SphereSums
+from calib_model.arrays import Array
+from calib_solver.fitting import Quadratic, distance_errors, repeatability, repeatability_weights
+from calib_solver.problem import Problem, SphereSums
 
 
 def floating_centers(problem: Problem, sums: SphereSums) -> Quadratic:

@@ -57,11 +57,17 @@ def streams() -> Part:
     with TemporaryDirectory() as name, Children() as children:
         folder = Path(name)
         graph = Graph(folder, children)
-        graph.start('operator', 'selfcenter_probe.operator_node', LED)
+        graph.start('operator', 'selfcenter_probe.nodes.operator_node', LED)
         begun = time.monotonic()
-        capture = graph.start('capture', 'calib_capture.capture_node', {
-            'mode': 'continuous', 'output': 'bag', 'placements': _faro_places(),
-        })  # fmt: skip
+        capture = graph.start(
+            'capture',
+            'calib_capture.nodes.capture_node',
+            {
+                'mode': 'continuous',
+                'output': 'bag',
+                'placements': _faro_places(),
+            },
+        )
         children.wait(capture, PATIENCE)
         seconds = time.monotonic() - begun
         _, readings = graph.said('operator', r'(\d+) joint states, (\d+) readings')
@@ -69,9 +75,12 @@ def streams() -> Part:
             'capture', r'(\d+) poses of .* from (\d+) readings, (\d+) paired'
         )
     figures = {
-        'published': readings, 'accounted': taken, 'paired': paired, 'refused': taken - paired,
+        'published': readings,
+        'accounted': taken,
+        'paired': paired,
+        'refused': taken - paired,
         'poses': poses,
-    }  # fmt: skip
+    }
     note = ', '.join(f'{count:.0f} {what}' for what, count in figures.items())
     rows = (Row('operator to bag', seconds, None, '', note, figures),)
     lost = Target('readings neither paired nor refused', abs(readings - taken), 0.0)
@@ -83,13 +92,19 @@ def stepped_capture(rounds: int = 3) -> Part:
     runs = []
     with TemporaryDirectory() as name, Children() as children:
         graph = Graph(Path(name), children)
-        graph.start('arm', 'calib_capture.arm_node', {'time_scale': 0.0})
-        graph.start('probe', 'selfcenter_probe.probe_node', {'seed': 1})
+        graph.start('arm', 'calib_capture.nodes.arm_node', {'time_scale': 0.0})
+        graph.start('probe', 'selfcenter_probe.nodes.probe_node', {'seed': 1})
         for number in range(rounds):
-            capture = graph.start(f'capture_{number}', 'calib_capture.capture_node', {
-                'output': f'bag_{number}', 'poses_per_sphere': 200, 'pool': 1,
-                'locations': [1, 2],
-            })  # fmt: skip
+            capture = graph.start(
+                f'capture_{number}',
+                'calib_capture.nodes.capture_node',
+                {
+                    'output': f'bag_{number}',
+                    'poses_per_sphere': 200,
+                    'pool': 1,
+                    'locations': [1, 2],
+                },
+            )
             children.wait(capture, PATIENCE)
             taken, seconds = graph.said(f'capture_{number}', r'(\d+) poses taken, .* in ([\d.]+) s')
             runs.append((seconds / taken, taken))
@@ -97,9 +112,15 @@ def stepped_capture(rounds: int = 3) -> Part:
     pose, taken = min(runs)
     rows = (
         Row(ROUND_TRIP, bare),
-        Row('a pose, commanded to on disk', pose, pose / bare, ROUND_TRIP,
-            f'{1 / pose:.0f} poses per second', {'poses': taken, 'poses per second': 1 / pose}),
-    )  # fmt: skip
+        Row(
+            'a pose, commanded to on disk',
+            pose,
+            pose / bare,
+            ROUND_TRIP,
+            f'{1 / pose:.0f} poses per second',
+            {'poses': taken, 'poses per second': 1 / pose},
+        ),
+    )
     limit = Target('seconds per pose', pose, 1 / PACE)
     title = f'{taken:.0f} poses in stepped simulation, three processes, the best of {rounds}'
     return Part(title, rows, (limit,))
@@ -123,5 +144,3 @@ def _faro_places() -> str:
     from ament_index_python.packages import get_package_share_directory
 
     return str(Path(get_package_share_directory('calib_bringup')) / 'config/locations/faro.yaml')
-
-

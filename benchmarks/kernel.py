@@ -10,9 +10,8 @@ import numpy as np
 
 from benchmarks.measuring import Part, Row, Target, best_of, timed
 from benchmarks.problems import faro_measurement
-from calib_model.freedom import identifiable_table
-from calib_solver.problem import Problem
-from calib_solver.sums import SphereSums, accumulate, accumulate_numpy
+from calib_model.kinematics import identifiable_table
+from calib_solver.problem import Problem, SphereSums, accumulate, accumulate_numpy
 
 #: both round, and sums of many terms are taken in another order
 SAME_SUMS = 1e-9
@@ -28,10 +27,13 @@ def against_numpy(poses: int, rounds: int) -> Part:
         table = identifiable_table(measured.arm, measured.probe)
         arguments = (problem, table, table.nominal)
         kind = f'{measured.probe.kind} probe'
-        best = best_of({
-            'numpy': timed(partial(accumulate_numpy, *arguments)),
-            'compiled': timed(partial(accumulate, *arguments)),
-        }, rounds)  # fmt: skip
+        best = best_of(
+            {
+                'numpy': timed(partial(accumulate_numpy, *arguments)),
+                'compiled': timed(partial(accumulate, *arguments)),
+            },
+            rounds,
+        )
         for name, seconds in best.items():
             note = f'{seconds / poses * 1e9:.0f} ns a pose'
             rows.append(Row(f'{name}, {kind}', seconds, seconds / best['numpy'], 'numpy', note))

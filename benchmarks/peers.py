@@ -13,13 +13,10 @@ from scipy.optimize import OptimizeResult, least_squares
 from benchmarks.measuring import Part, Row, Target, best_of, timed
 from benchmarks.problems import faro_measurement
 from benchmarks.solving import solve
-from calib_model.freedom import identifiable_table
-from calib_model.kinematics import points
-from calib_model.parameters import ParameterTable
-from calib_model.rotation import Array
-from calib_solver.prior import NO_PRIOR
-from calib_solver.problem import Problem
-from calib_solver.sums import point_jacobian
+from calib_model.arrays import Array
+from calib_model.kinematics import ParameterTable, identifiable_table, points
+from calib_solver.fitting import NO_PRIOR
+from calib_solver.problem import Problem, point_jacobian
 
 #: scipy's tolerances: tight enough for phi to agree to SAME_PHI
 TOLERANCE, SAME_PHI = 1e-12, 1e-9
@@ -83,10 +80,14 @@ class Residuals:
 def by_scipy(residuals: Residuals, with_jacobian: bool) -> OptimizeResult:
     """scipy's `least_squares(method='lm')` (MINPACK) from the nominal parameters."""
     return least_squares(
-        residuals, np.zeros(len(residuals.nominal)), method='lm',
+        residuals,
+        np.zeros(len(residuals.nominal)),
+        method='lm',
         jac=residuals.jacobian if with_jacobian else '2-point',
-        xtol=TOLERANCE, ftol=TOLERANCE, gtol=TOLERANCE,
-    )  # fmt: skip
+        xtol=TOLERANCE,
+        ftol=TOLERANCE,
+        gtol=TOLERANCE,
+    )
 
 
 def against_scipy(poses: int, rounds: int) -> Part:
@@ -136,8 +137,9 @@ def against_pybotics(poses: int, rounds: int) -> Part:
 
     def theirs() -> None:
         residuals = _Pybotics(problem, table, robots.Robot, chains.MDHKinematicChain)
-        found = least_squares(residuals, np.zeros(len(residuals.nominal)), method='lm',
-                              max_nfev=EVALUATIONS)  # fmt: skip
+        found = least_squares(
+            residuals, np.zeros(len(residuals.nominal)), method='lm', max_nfev=EVALUATIONS
+        )
         phi['pybotics + scipy lm'] = 2 * float(found.cost)
 
     best = best_of({'our solve': timed(ours), 'pybotics + scipy lm': timed(theirs)}, rounds)

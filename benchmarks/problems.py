@@ -12,14 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from calib_model.arm import Arm
-from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
-from calib_model.gauge import Gauge
-from calib_model.kinematics import joint_frames
-from calib_model.parameters import ParameterTable
-from calib_model.probe import PassiveProbe, Probe
-from calib_model.probing import Measurement, ProbingSet
-from calib_model.rotation import Array, RigidTransform
+from calib_model.arrays import Array
+from calib_model.descriptions import parse_arm, parse_gauge, parse_probe, read_description
+from calib_model.instruments import Arm, Gauge, PassiveProbe, Probe
+from calib_model.kinematics import ParameterTable, joint_frames
+from calib_model.measurement import Measurement, ProbingSet
+from calib_model.transforms import RigidTransform
 
 CONFIG = Path(__file__).resolve().parents[1] / 'ros2_ws/src/calib_bringup/config'
 #: the chapter's set: 7 locations x 4 spheres x 385 poses
@@ -66,9 +64,11 @@ def faro_measurement(poses: int = CHAPTER, seed: int = 1, active: bool = False) 
     location = np.repeat(np.arange(1, LOCATIONS + 1), len(SPHERES))
     sphere = np.tile(SPHERES, LOCATIONS)
     taken = ProbingSet.of(
-        np.repeat(location, share), np.repeat(sphere, share),
-        np.concatenate(joints), np.concatenate(displacement),
-    )  # fmt: skip
+        np.repeat(location, share),
+        np.repeat(sphere, share),
+        np.concatenate(joints),
+        np.concatenate(displacement),
+    )
     return Measurement(arm, probe, gauge, taken, f'{poses} simulated poses')
 
 

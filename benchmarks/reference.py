@@ -21,7 +21,7 @@ from benchmarks.measuring import Part, Row, Target, best_of, timed
 from benchmarks.problems import faro_measurement, reference_table
 from benchmarks.solving import solve
 from calib_model.errors import CalibrationError
-from calib_model.freedom import identifiable_table
+from calib_model.kinematics import identifiable_table
 from calib_solver.problem import Problem
 
 #: ours over the reference's: what must hold, and the goal
@@ -95,13 +95,16 @@ def _compared(title: str, program: Path, poses: int, rounds: int) -> Part:
     cores = os.cpu_count() or 1
     peers = {f'reference, {n} thread{"s" * (n > 1)}': reference(n) for n in sorted({1, cores})}
     fewer = identifiable_table(measured.arm, measured.probe)
-    best = best_of({
-        'our solve': timed(ours_of_eq_11),
-        "our solve, reference's objective": timed(ours),
-        'our solve, poses sorted anew': timed(lambda: solve(Problem.of(measured), table)),
-        'our solve, identifiable ones free': timed(lambda: solve(problem, fewer)),
-        **peers,
-    }, rounds)  # fmt: skip
+    best = best_of(
+        {
+            'our solve': timed(ours_of_eq_11),
+            "our solve, reference's objective": timed(ours),
+            'our solve, poses sorted anew': timed(lambda: solve(Problem.of(measured), table)),
+            'our solve, identifiable ones free': timed(lambda: solve(problem, fewer)),
+            **peers,
+        },
+        rounds,
+    )
     fastest = min(peers, key=lambda name: best[name])
     rows = [Row(name, seconds, seconds / best[fastest], fastest) for name, seconds in best.items()]
     apart = phi['ours'] / phi['reference'] - 1

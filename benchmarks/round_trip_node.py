@@ -10,7 +10,7 @@ import rclpy
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from calib_capture.executor_node import lean_executor
+from calib_model.nodes import lean_executor
 
 WARM = 200
 

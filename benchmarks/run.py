@@ -39,9 +39,11 @@ def arguments() -> argparse.ArgumentParser:
     parser.add_argument('--poses', type=int, default=CHAPTER)
     parser.add_argument('--sizes', type=int, nargs='+', default=SIZES, help='of the scale part')
     parser.add_argument(
-        '--reference', type=Path, default=os.environ.get(REFERENCE, DEFAULT_REFERENCE),
+        '--reference',
+        type=Path,
+        default=os.environ.get(REFERENCE, DEFAULT_REFERENCE),
         help=f'C++ source to build and compare with (or the variable {REFERENCE})',
-    )  # fmt: skip
+    )
     parser.add_argument('--strict', action='store_true', help='exit with 1 when a target is missed')
     parser.add_argument('--output', type=Path, default=ROOT / 'output/bench.json')
     return parser
@@ -71,10 +73,13 @@ def run(given: Given) -> Iterator[tuple[str, Part]]:
 def machine() -> dict[str, object]:
     """What the absolute times depend on."""
     return {
-        'cores': os.cpu_count(), 'processor': platform.machine(),
-        'load': os.getloadavg()[0], 'python': platform.python_version(),
-        'numpy': np.__version__, 'scipy': scipy.__version__,
-    }  # fmt: skip
+        'cores': os.cpu_count(),
+        'processor': platform.machine(),
+        'load': os.getloadavg()[0],
+        'python': platform.python_version(),
+        'numpy': np.__version__,
+        'scipy': scipy.__version__,
+    }
 
 
 def record(parts: dict[str, Part], on: dict[str, object]) -> dict[str, object]:

@@ -21,10 +21,10 @@ import numpy as np
 from benchmarks.measuring import Part, Row, Target
 from benchmarks.problems import faro, faro_measurement
 from benchmarks.solving import solve
-from calib_model.freedom import identifiable_table
-from calib_model.probing import Measurement, ProbingSet
-from calib_solver.identification import Options, identify
-from calib_solver.prior import NO_PRIOR
+from calib_model.kinematics import identifiable_table
+from calib_model.measurement import Measurement, ProbingSet
+from calib_solver.fitting import NO_PRIOR, Options
+from calib_solver.identification import identify
 from calib_solver.problem import Problem
 
 SIZES = (1_000, 10_000, 100_000, 1_000_000)
@@ -86,9 +86,13 @@ def _kept(folder: Path, size: int, active: bool) -> Path:
     taken = faro_measurement(size, active=active).poses
     file = folder / f'{size}_{"active" if active else "passive"}.npz'
     np.savez(
-        file, location=taken.location, sphere=taken.sphere, joints=taken.joints,
-        displacement=taken.displacement, active=active,
-    )  # fmt: skip
+        file,
+        location=taken.location,
+        sphere=taken.sphere,
+        joints=taken.joints,
+        displacement=taken.displacement,
+        active=active,
+    )
     return file
 
 
@@ -96,8 +100,11 @@ def _figures_of(file: Path) -> dict[str, float]:
     """What a fresh process finds of the poses in a file."""
     done = subprocess.run(
         [sys.executable, '-m', 'benchmarks.scale', str(file)],
-        stdout=subprocess.PIPE, text=True, check=True, cwd=Path(__file__).resolve().parents[1],
-    )  # fmt: skip
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+        cwd=Path(__file__).resolve().parents[1],
+    )
     figures: dict[str, float] = json.loads(done.stdout)
     return figures
 
@@ -125,9 +132,13 @@ def _figures(file: Path) -> dict[str, float]:
     problem, table = Problem.of(measured), identifiable_table(arm, probe)
     evaluations = solve(problem, table).evaluations
     return {
-        'poses': len(taken), 'solve': _best(lambda: solve(problem, table), times),
-        'identify': whole, 'evaluations': evaluations, 'bytes': peak, 'bytes_before': before,
-    }  # fmt: skip
+        'poses': len(taken),
+        'solve': _best(lambda: solve(problem, table), times),
+        'identify': whole,
+        'evaluations': evaluations,
+        'bytes': peak,
+        'bytes_before': before,
+    }
 
 
 def _best(work: Callable[[], object], times: int) -> float:

@@ -5,13 +5,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib_model.parameters import ParameterTable
-from calib_model.rotation import Array
-from calib_solver.levenberg import Fit, minimise
-from calib_solver.objectives import Objective, Quadratic, distance_repeatability
-from calib_solver.prior import NO_PRIOR
-from calib_solver.problem import Problem
-from calib_solver.sums import accumulate
+from calib_model.arrays import Array
+from calib_model.kinematics import ParameterTable
+from calib_solver.fitting import (
+    NO_PRIOR,
+    Fit,
+    Objective,
+    Quadratic,
+    distance_repeatability,
+    minimise,
+)
+from calib_solver.problem import Problem, accumulate
 
 
 def solve(

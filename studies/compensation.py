@@ -5,13 +5,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib_model.jacobian import tool_motion
-from calib_model.kinematics import points
-from calib_model.rotation import Array
-from calib_solver.compensation import Calibrated, compensate_targets, tip
+from calib_model.arrays import Array
+from calib_model.kinematics import points, tool_motion
+from calib_solver.compensation import Calibrated, Targets, compensate_targets, tip
 from calib_solver.identification import Identification, identify
-from calib_solver.tool_inverse import Targets
-from calib_solver.workspace import position_uncertainty
+from calib_solver.results import position_uncertainty
 from studies.running import columns, over_seeds, study
 from studies.scenes import Noise, Scene, aligned, kr5, measure, off_as_the_prior_says, off_mount
 

@@ -7,17 +7,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib_model.gravity import read_links
-from calib_model.joint_errors import KINDS
-from calib_model.probing import Measurement
-from calib_solver.identification import Identification, Options, identify
+from calib_model.descriptions import read_links
+from calib_model.kinematics import KINDS
+from calib_model.measurement import Measurement
+from calib_solver.fitting import Options
+from calib_solver.identification import Identification, identify
 from calib_solver.problem import Problem
 from calib_solver.quality import Quality, assess
-from selfcenter_probe.hand_motion import HandMotion, MotionSettings, guided
-from selfcenter_probe.hand_reading import HandGuided, probing_set
-from selfcenter_probe.hand_scene import Scene, read_scene
-from selfcenter_probe.joint_errors import Encoders
-from selfcenter_probe.world import World
+from selfcenter_probe.operator import (
+    HandGuided,
+    HandMotion,
+    MotionSettings,
+    Scene,
+    guided,
+    probing_set,
+    read_scene,
+)
+from selfcenter_probe.simulation import Encoders, World
 from studies.running import columns, findings, over_seeds, study
 from studies.scenes import CONFIG
 
@@ -120,16 +126,26 @@ def table(count: int) -> list[str]:
         lines += [f'{name} (2 sigma / distance error)', '', *columns(header, rows), '']
         lines += [
             f'eq. 12 accepted at {accepted} of {count} seeds, its 2 sigma {min(ratio):.2f} to '
-            f'{max(ratio):.2f} of that of D-H alone', '',
-        ]  # fmt: skip
-    return lines + findings([
-        ('eq. 12 lowers 2 sigma at the location never used by 20 % or more, with either probe',
-         all(_ratio(of[case]) <= 0.8 for of in every for case in (0, 2))),
-        ('it is refused, and so are joint errors, where the only errors are geometric',
-         not any(of[1].accepted[0] or of[1].accepted[1] for of in every)),
-        ('encoders and compliance, identified, do better yet with the active probe',
-         all(of[0].joints[0] < of[0].eq_12[0] for of in every)),
-    ])  # fmt: skip
+            f'{max(ratio):.2f} of that of D-H alone',
+            '',
+        ]
+    return lines + findings(
+        [
+            (
+                'eq. 12 lowers 2 sigma at the location never used by 20 % or more, '
+                'with either probe',
+                all(_ratio(of[case]) <= 0.8 for of in every for case in (0, 2)),
+            ),
+            (
+                'it is refused, and so are joint errors, where the only errors are geometric',
+                not any(of[1].accepted[0] or of[1].accepted[1] for of in every),
+            ),
+            (
+                'encoders and compliance, identified, do better yet with the active probe',
+                all(of[0].joints[0] < of[0].eq_12[0] for of in every),
+            ),
+        ]
+    )
 
 
 def _ratio(one: Outcome) -> float:
@@ -140,10 +156,14 @@ def _ratio(one: Outcome) -> float:
 def _row(name: str, one: Outcome) -> list[str]:
     eq_12 = _cell(one.eq_12) if one.accepted[0] else 'refused'
     return [
-        name, _cell(one.alone), eq_12, f'{_ratio(one):.2f}',
-        _cell(one.joints), f'{one.joints[0] / one.alone[0]:.2f}',
+        name,
+        _cell(one.alone),
+        eq_12,
+        f'{_ratio(one):.2f}',
+        _cell(one.joints),
+        f'{one.joints[0] / one.alone[0]:.2f}',
         ', '.join(one.accepted[1]) or 'none',
-    ]  # fmt: skip
+    ]
 
 
 def _cell(size: tuple[float, float]) -> str:

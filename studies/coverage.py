@@ -8,12 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.jacobian import probing_jacobian
-from calib_model.kinematics import points
-from calib_model.rotation import Array
-from calib_solver.identification import Identification, Options, identify
-from calib_solver.objectives import OBJECTIVES
-from calib_solver.prior import DEFAULT_SIGMA, NO_PRIOR
+from calib_model.arrays import Array
+from calib_model.kinematics import DEFAULT_SIGMA, points, probing_jacobian
+from calib_solver.fitting import NO_PRIOR, OBJECTIVES, Options
+from calib_solver.identification import Identification, identify
 from studies.running import columns, over_seeds, study
 from studies.scenes import Noise, Scene, anywhere, kr5, measure, off_as_the_prior_says, off_mount
 
@@ -67,9 +65,11 @@ def scores(seed: int) -> dict[str, Scores]:
         off = (done.full - truth.full)[done.table.free_columns]
         found[name] = Scores(
             tuple(parameter.name for parameter in done.table.free),
-            off / standard, distance_scores(scene, done, seed),
-            done.uncertainty.misfit, len(done.rejected),
-        )  # fmt: skip
+            off / standard,
+            distance_scores(scene, done, seed),
+            done.uncertainty.misfit,
+            len(done.rejected),
+        )
     return found
 
 
@@ -82,9 +82,7 @@ def distance_scores(scene: Scene, done: Identification, seed: int) -> Array:
     true = points(scene.arm, q, scene.mount.apply(centers))
     between = said[:PAIRS] - said[PAIRS:]
     length = np.linalg.norm(between, axis=1)
-    slope = np.einsum(
-        'nk,nkf->nf', between / length[:, None], jacobian[:PAIRS] - jacobian[PAIRS:]
-    )
+    slope = np.einsum('nk,nkf->nf', between / length[:, None], jacobian[:PAIRS] - jacobian[PAIRS:])
     stated = np.sqrt(np.einsum('nf,fg,ng->n', slope, done.uncertainty.covariance, slope))
     off: Array = length - np.linalg.norm(true[:PAIRS] - true[PAIRS:], axis=1)
     return off / stated
@@ -107,10 +105,12 @@ def table(count: int) -> list[str]:
     lines += ['', 'per parameter, covered %']
     names = found[0]['distance'].names
     by_name = [
-        [parameter, *(_cells(np.array([e[name].parameters[i] for e in found]))[0]
-                      for name in OBJECTIVES)]
+        [
+            parameter,
+            *(_cells(np.array([e[name].parameters[i] for e in found]))[0] for name in OBJECTIVES),
+        ]
         for i, parameter in enumerate(names)
-    ]  # fmt: skip
+    ]
     lines += columns(['', *OBJECTIVES], by_name)
     left_out = {name: float(sum(each[name].rejected for each in found)) for name in OBJECTIVES}
     misfit = {name: max(each[name].misfit for each in found) for name in OBJECTIVES}

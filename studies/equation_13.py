@@ -32,23 +32,21 @@ def table(seed: int) -> list[str]:
     tested = [
         _indicators(faro.tested(kind, seed, name)) for kind in faro.KINDS for name in OBJECTIVES
     ]
-    rows = [
-        (label, *(f'{one[label]:.3f}' for one in tested)) for label in chapter.EQUATION_13
-    ]
+    rows = [(label, *(f'{one[label]:.3f}' for one in tested)) for label in chapter.EQUATION_13]
     return [*lines, *columns(header, rows), '', *_compared(seed, here, tested)]
 
 
 def _indicators(quality: Quality) -> dict[str, float]:
     values = (
-        quality.distance.max() * 1e3, faro.distance_mean(quality),
-        quality.spheres.two_sigma.max() * 1e3, faro.two_sigma_mean(quality),
-    )  # fmt: skip
+        quality.distance.max() * 1e3,
+        faro.distance_mean(quality),
+        quality.spheres.two_sigma.max() * 1e3,
+        faro.two_sigma_mean(quality),
+    )
     return dict(zip(chapter.EQUATION_13, map(float, values), strict=True))
 
 
-def _compared(
-    seed: int, here: list[dict[str, float]], tested: list[dict[str, float]]
-) -> list[str]:
+def _compared(seed: int, here: list[dict[str, float]], tested: list[dict[str, float]]) -> list[str]:
     distance, two_sigma = 'distance error, mean', '2 sigma, mean'
     repeat = here[1][two_sigma] / here[0][two_sigma]
     gain = here[0][distance] / here[1][distance]
@@ -56,10 +54,12 @@ def _compared(
     said = [
         (f'eq. 13 wins on distances (chapter 13 times, here {gain:.0f} times)', gain > 1),
         (f'eq. 13 loses tenfold on 2 sigma (chapter 10 times, here {repeat:.0f})', repeat >= 10),
-        ('eq. 11 generalises: lower distance errors where it never was, passive probe',
-         passive[0][distance] < passive[1][distance]),
+        (
+            'eq. 11 generalises: lower distance errors where it never was, passive probe',
+            passive[0][distance] < passive[1][distance],
+        ),
         ('the same, active probe', active[0][distance] < active[1][distance]),
-    ]  # fmt: skip
+    ]
     done = faro.identified('passive', seed)
     differs = DIFFERS.format(pairs=len(done.identified.distance), free=len(done.fit.x))
     return ["of the chapter's findings, here:", *findings(said), '', *paragraph(differs)]

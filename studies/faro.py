@@ -21,12 +21,13 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from calib_model.bag import read_measurement
-from calib_model.probing import Measurement
-from calib_solver.identification import Identification, Options, identify
+from calib_model.bags import read_measurement
+from calib_model.measurement import Measurement
+from calib_solver.fitting import Options
+from calib_solver.identification import Identification, identify
 from calib_solver.problem import Problem
 from calib_solver.quality import Quality, assess
-from selfcenter_probe import hand_guided
+from selfcenter_probe.commands import hand_guided
 
 KINDS = ('passive', 'active')
 EQ_11, EQ_13 = 'distance_repeatability', 'distance'
@@ -68,9 +69,7 @@ def _captured(kind: str, seed: int, *asked: str) -> Measurement:
 
 
 @cache
-def identified(
-    kind: str, seed: int, objective: str = EQ_11, poses: int = POSES
-) -> Identification:
+def identified(kind: str, seed: int, objective: str = EQ_11, poses: int = POSES) -> Identification:
     """The arm as the seven locations tell it."""
     return identify(captured(kind, seed, poses), Options(objective=objective))
 

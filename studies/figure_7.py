@@ -44,10 +44,12 @@ def reach(seed: int) -> np.ndarray:
         (int(location), int(sphere)): float(np.linalg.norm(center))
         for (location, sphere), center in zip(spheres.keys, spheres.center, strict=True)
     }
-    return np.array([
-        [max(far.get((location, sphere), 0.0) for sphere in pair) for pair in PAIRS]
-        for location in LOCATIONS
-    ])  # fmt: skip
+    return np.array(
+        [
+            [max(far.get((location, sphere), 0.0) for sphere in pair) for pair in PAIRS]
+            for location in LOCATIONS
+        ]
+    )
 
 
 def table(seed: int) -> list[str]:
@@ -55,11 +57,13 @@ def table(seed: int) -> list[str]:
     passive, active = (errors(kind, seed) for kind in faro.KINDS)
     gain = passive - active
     rows = [
-        (f'POS{location} D{first}-{second}', *(f'{each[location - 1, i]:.3f}' for each in (
-            passive, active, gain)))
+        (
+            f'POS{location} D{first}-{second}',
+            *(f'{each[location - 1, i]:.3f}' for each in (passive, active, gain)),
+        )
         for location in LOCATIONS
         for i, (first, second) in enumerate(PAIRS)
-    ]  # fmt: skip
+    ]
     lines = [*faro.origin(faro.KINDS, seed), '', 'results/figure_7.png draws these, mm', '']
     lines += columns(('', 'passive', 'active', 'passive - active'), rows)
     return [*lines, '', *_compared(passive, active, reach(seed))]
@@ -71,12 +75,19 @@ def _compared(passive: np.ndarray, active: np.ndarray, far: np.ndarray) -> list[
     mean = {'passive': passive[known].mean(), 'active': active[known].mean()}
     near, beyond = far[known & ~worse].mean(), far[worse].mean() if worse.any() else np.nan
     said = [
-        (f'on average the active probe errs less ({mean["active"]:.3f} mm against '
-         f'{mean["passive"]:.3f})', bool(mean['active'] < mean['passive'])),
-        (f'where it errs more ({worse.sum()} of {known.sum()} distances) the arm is clearly nearer '
-         f'to its frontier\n    (the farther sphere is {beyond:.2f} m from the shoulder, else '
-         f'{near:.2f} m)', bool(beyond > 1.05 * near)),
-    ]  # fmt: skip
+        (
+            f'on average the active probe errs less ({mean["active"]:.3f} mm against '
+            f'{mean["passive"]:.3f})',
+            bool(mean['active'] < mean['passive']),
+        ),
+        (
+            f'where it errs more ({worse.sum()} of {known.sum()} distances) '
+            'the arm is clearly nearer '
+            f'to its frontier\n    (the farther sphere is {beyond:.2f} m from the shoulder, else '
+            f'{near:.2f} m)',
+            bool(beyond > 1.05 * near),
+        ),
+    ]
     return ["of the chapter's findings, here:", *findings(said)]
 
 

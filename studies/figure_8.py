@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calib_model.rotation import Array
+from calib_model.arrays import Array
 from calib_solver.quality import probed_points
 from studies import faro
 from studies.running import columns, findings, study
@@ -38,11 +38,15 @@ def table(seed: int) -> list[str]:
     for letter, (kind, error) in zip('ab', found.items(), strict=True):
         for coordinate, values in zip('XYZ', error.T, strict=True):
             size = np.abs(values)
-            rows.append((
-                f'({letter}) {kind}, {coordinate}', str(len(values)),
-                f'{np.sqrt(np.mean(values**2)):.3f}',
-                f'{np.quantile(size, 0.95):.3f}', f'{size.max():.3f}',
-            ))  # fmt: skip
+            rows.append(
+                (
+                    f'({letter}) {kind}, {coordinate}',
+                    str(len(values)),
+                    f'{np.sqrt(np.mean(values**2)):.3f}',
+                    f'{np.quantile(size, 0.95):.3f}',
+                    f'{size.max():.3f}',
+                )
+            )
     header = ('', 'points', 'rms', '95 % below', 'largest')
     lines = [*faro.origin(faro.KINDS, seed), '', 'results/figure_8.png draws them all, mm', '']
     return [*lines, *columns(header, rows), '', *_compared(found['passive'], found['active'])]
@@ -56,14 +60,18 @@ def _compared(passive: Array, active: Array) -> list[str]:
         ("the active probe's errors are smaller in every coordinate", bool((ratio > 1).all())),
         ('the passive probe errs most in Z', int(of_passive.argmax()) == 2),
         ('the active probe errs most in Z, too', int(of_active.argmax()) == 2),
-        (f'what the active one gains is most in Z (passive over active, X, Y, Z: {shown})',
-         int(ratio.argmax()) == 2),
-    ]  # fmt: skip
+        (
+            f'what the active one gains is most in Z (passive over active, X, Y, Z: {shown})',
+            int(ratio.argmax()) == 2,
+        ),
+    ]
     return [
-        "of the chapter's findings, here:", *findings(said), '',
+        "of the chapter's findings, here:",
+        *findings(said),
+        '',
         "The chapter's reason is built into our world: pushes from all sides compensate one",
         'another level, but every push has weight in it and goes down.',
-    ]  # fmt: skip
+    ]
 
 
 def draw(seed: int) -> Figure:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calib_model.rotation import Array
+from calib_model.arrays import Array
 from studies import faro
 from studies.figure_7 import ACTIVE, LOCATIONS, PASSIVE, SPHERES
 from studies.running import columns, findings, study
@@ -49,11 +49,15 @@ def _compared(passive: Array, active: Array) -> list[str]:
     better = (active < passive)[known]
     counts = ', '.join(f'{count}' for count in better.sum(axis=0))
     said = [
-        ("the active probe's standard deviation is smaller on average in X, Y and Z",
-         bool((active[known].mean(axis=0) < passive[known].mean(axis=0)).all())),
-        (f'and at every sphere measured (smaller in X, Y, Z at {counts} of {known.sum()})',
-         bool(better.all())),
-    ]  # fmt: skip
+        (
+            "the active probe's standard deviation is smaller on average in X, Y and Z",
+            bool((active[known].mean(axis=0) < passive[known].mean(axis=0)).all()),
+        ),
+        (
+            f'and at every sphere measured (smaller in X, Y, Z at {counts} of {known.sum()})',
+            bool(better.all()),
+        ),
+    ]
     return ["of the chapter's findings, here:", *findings(said)]
 
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib_model.description import parse_arm, read_description
+from calib_model.arrays import Array
+from calib_model.descriptions import parse_arm, read_description
 from calib_model.errors import CalibrationError
-from calib_model.probing import Measurement
-from calib_model.rotation import Array
+from calib_model.measurement import Measurement
 from calib_solver.identification import Identification, identify
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
@@ -302,9 +302,13 @@ def outcomes(seed: int) -> dict[str, list[Outcome]]:
 
 
 def _as_it_lasts(
-    name: str, scene: Scene, wrong: Measurement, right: Measurement, held_out: Measurement,
+    name: str,
+    scene: Scene,
+    wrong: Measurement,
+    right: Measurement,
+    held_out: Measurement,
     key: tuple[int, ...],
-) -> Measurement:  # fmt: skip
+) -> Measurement:
     """The held-out poses with the fault as the measurement ended with it."""
     if 'jumps' in name:
         step = wrong.poses.joints[-1] - right.poses.joints[-1]
@@ -335,13 +339,15 @@ def table(count: int) -> list[str]:
     for name in ('none', *FAULTS):
         of = [one for each in found for one in each[name]]
         silent = [one.harm for one in of if not one.named and not one.other]
-        rows.append([
-            name,
-            '-' if name == 'none' else str(sum(one.named for one in of)),
-            str(sum(one.other and (name == 'none' or not one.named) for one in of)),
-            '-' if name == 'none' else str(len(silent)),
-            f'{max(silent):.2f}' if silent else '',
-        ])  # fmt: skip
+        rows.append(
+            [
+                name,
+                '-' if name == 'none' else str(sum(one.named for one in of)),
+                str(sum(one.other and (name == 'none' or not one.named) for one in of)),
+                '-' if name == 'none' else str(len(silent)),
+                f'{max(silent):.2f}' if silent else '',
+            ]
+        )
     header = ['', 'named', 'other', 'silent', 'harm']
     return [f'{count} seeds, {2 * count} calibrations a fault', '', *columns(header, rows)]
 

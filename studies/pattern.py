@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from calib_model.rotation import Array
+from calib_model.arrays import Array
 from calib_solver.quality import Quality
 from studies import faro
 from studies.running import columns, findings, over_seeds, study
@@ -71,28 +71,35 @@ def claims(pair: Pair) -> dict[str, bool]:
     passive, active = (pair[kind] for kind in faro.KINDS)
     both = (passive, active)
     return {
-        "eq. 13's mean distance error is less than half of eq. 11's where it was identified":
-            all(one.own_13.distance < 0.5 * one.own.distance for one in both),
-        "eq. 13's mean 2 sigma is at least three times eq. 11's":
-            all(one.own_13.two_sigma >= 3 * one.own.two_sigma for one in both),
-        'the same at the location never used':
-            all(one.test_13.two_sigma >= 3 * one.test.two_sigma for one in both),
-        "eq. 11's mean distance error at the location never used is below eq. 13's":
-            all(one.test.distance < one.test_13.distance for one in both),
-        'active below passive, mean distance error, Table 1':
-            active.own.distance < passive.own.distance,
-        'active below passive, mean distance error, Table 2':
-            active.test.distance < passive.test.distance,
-        'active below passive, 2 sigma in X, Y and Z, Table 1':
-            bool((active.own.xyz < passive.own.xyz).all()),
-        'active below passive, 2 sigma in X, Y and Z, Table 2':
-            bool((active.test.xyz < passive.test.xyz).all()),
+        "eq. 13's mean distance error is less than half of eq. 11's where it was identified": all(
+            one.own_13.distance < 0.5 * one.own.distance for one in both
+        ),
+        "eq. 13's mean 2 sigma is at least three times eq. 11's": all(
+            one.own_13.two_sigma >= 3 * one.own.two_sigma for one in both
+        ),
+        'the same at the location never used': all(
+            one.test_13.two_sigma >= 3 * one.test.two_sigma for one in both
+        ),
+        "eq. 11's mean distance error at the location never used is below eq. 13's": all(
+            one.test.distance < one.test_13.distance for one in both
+        ),
+        'active below passive, mean distance error, Table 1': active.own.distance
+        < passive.own.distance,
+        'active below passive, mean distance error, Table 2': active.test.distance
+        < passive.test.distance,
+        'active below passive, 2 sigma in X, Y and Z, Table 1': bool(
+            (active.own.xyz < passive.own.xyz).all()
+        ),
+        'active below passive, 2 sigma in X, Y and Z, Table 2': bool(
+            (active.test.xyz < passive.test.xyz).all()
+        ),
         'the passive probe has its largest mean 2 sigma in Z, Table 1': passive.own.z_over_xy > 1,
         'the passive probe has its largest mean 2 sigma in Z, Table 2': passive.test.z_over_xy > 1,
-        'what the active probe gains in 2 sigma is most in Z, both tables':
-            all(int((one.xyz - other.xyz).argmax()) == 2 for one, other in (
-                (passive.own, active.own), (passive.test, active.test))),
-    }  # fmt: skip
+        'what the active probe gains in 2 sigma is most in Z, both tables': all(
+            int((one.xyz - other.xyz).argmax()) == 2
+            for one, other in ((passive.own, active.own), (passive.test, active.test))
+        ),
+    }
 
 
 def table(count: int) -> list[str]:
@@ -102,14 +109,31 @@ def table(count: int) -> list[str]:
     for seed, pair in enumerate(found, start=1):
         for kind, one in pair.items():
             values = (
-                one.own.distance, one.own.two_sigma, one.own.z_over_xy,
-                one.test.distance, one.test.two_sigma, one.test.z_over_xy,
-                one.own_13.distance, one.own_13.two_sigma,
-                one.test_13.distance, one.test_13.two_sigma,
-            )  # fmt: skip
+                one.own.distance,
+                one.own.two_sigma,
+                one.own.z_over_xy,
+                one.test.distance,
+                one.test.two_sigma,
+                one.test.z_over_xy,
+                one.own_13.distance,
+                one.own_13.two_sigma,
+                one.test_13.distance,
+                one.test_13.two_sigma,
+            )
             rows.append((f'{seed} {kind}', *(f'{value:.3f}' for value in values)))
-    header = ('', 'dist', '2s', 'z/xy', 'test dist', '2s', 'z/xy', 'dist13', '2s13', 'test dist13',
-              '2s13')  # fmt: skip
+    header = (
+        '',
+        'dist',
+        '2s',
+        'z/xy',
+        'test dist',
+        '2s',
+        'z/xy',
+        'dist13',
+        '2s13',
+        'test dist13',
+        '2s13',
+    )
     held = [claims(pair) for pair in found]
     said = []
     for claim in held[0]:
@@ -125,11 +149,12 @@ def _margins(found: list[Pair]) -> list[str]:
     general = min(one.test_13.distance / one.test.distance for one in (*passive, *active))
     pairs = list(zip(passive, active, strict=True))
     gain = [
-        min(values) for values in (
+        min(values)
+        for values in (
             [one.own.distance / other.own.distance for one, other in pairs],
             [one.test.distance / other.test.distance for one, other in pairs],
         )
-    ]  # fmt: skip
+    ]
     steep = [min(one.own.z_over_xy for one in passive), min(one.test.z_over_xy for one in passive)]
     return [
         'On the arm on which it holds least:',

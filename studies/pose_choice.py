@@ -10,15 +10,24 @@ from itertools import groupby
 
 import numpy as np
 
-from calib_capture.candidates import branch_names, joints_of
-from calib_capture.choice import Indices, Pool, Telling, choose, information_of, log_det
-from calib_capture.order import travel_time
-from calib_capture.planner import Draft, Planner
-from calib_capture.program import ProgramSettings
-from calib_model.probing import Measurement, ProbingSet
-from calib_model.rotation import Array
+from calib_capture.motion import travel_time
+from calib_capture.program import (
+    Draft,
+    Indices,
+    Planner,
+    Pool,
+    ProgramSettings,
+    Telling,
+    branch_names,
+    choose,
+    information_of,
+    joints_of,
+    log_det,
+)
+from calib_model.arrays import Array
+from calib_model.measurement import Measurement, ProbingSet
 from calib_solver.identification import identify
-from calib_solver.workspace import over_workspace
+from calib_solver.results import over_workspace
 from studies.running import columns, over_seeds, paragraph, study
 from studies.scenes import Bench, Scene, kr5, off_as_the_prior_says, off_mount, reach
 
@@ -120,8 +129,10 @@ def nearest_branch(given: Candidates, poses: int, seed: int) -> list[Indices]:
 
 Drawn = Callable[[Candidates, int, int], list[Indices]]
 RANDOM: dict[str, Drawn] = {
-    'one branch': one_branch, 'nearest branch': nearest_branch, 'all branches': all_branches,
-}  # fmt: skip
+    'one branch': one_branch,
+    'nearest branch': nearest_branch,
+    'all branches': all_branches,
+}
 
 
 @dataclass(frozen=True)
@@ -140,8 +151,9 @@ def predicted(given: Candidates, rows: Sequence[Indices]) -> Predicted:
     parameters = np.exp(-log_det(information) / (2 * len(information)))
     return Predicted(
         telling.position_uncertainty(information),
-        float(telling.position_uncertainties(information).max()), float(parameters),
-    )  # fmt: skip
+        float(telling.position_uncertainties(information).max()),
+        float(parameters),
+    )
 
 
 def random_prediction(given: Candidates, draw: Drawn, poses: int, draws: int) -> Predicted:
@@ -180,9 +192,10 @@ def _slopes(
     for at in sorted({pool.location for pool in pools}):
         members = [i for i, pool in enumerate(pools) if pool.location == at]
         own = telling.of_location(
-            [pools[i].sphere for i in members], np.array([pools[i].center for i in members]),
+            [pools[i].sphere for i in members],
+            np.array([pools[i].center for i in members]),
             [scaled[i].rows for i in members],
-        )  # fmt: skip
+        )
         own[:free, :free] += total - telling.about_parameters(own)
         covariance = np.linalg.inv(own)
         for place, i in enumerate(members):
@@ -207,8 +220,9 @@ def predictions(draws: int) -> list[str]:
     for n in POSES:
         programs = {
             name: random_prediction(given, draw, n, draws)
-            for name, draw in RANDOM.items() if n in (THIRD, FULL) and draw is not all_branches
-        }  # fmt: skip
+            for name, draw in RANDOM.items()
+            if n in (THIRD, FULL) and draw is not all_branches
+        }
         programs['all branches'] = reference[n]
         programs['chosen'] = _chosen(given, n)
         if n in (THIRD, FULL):
@@ -216,13 +230,26 @@ def predictions(draws: int) -> list[str]:
             programs['bound'] = Predicted(np.nan, np.nan, least)
         for name, one in programs.items():
             every[n, name] = one
-            rows.append([
-                f'{n}', name, _shown(one.position * 1e6, 2), _shown(one.worst * 1e6, 2),
-                _shown(one.parameters * 1e3, 3), _shown(_as_many(reference, one, 'position'), 0),
-                _shown(_as_many(reference, one, 'parameters'), 0),
-            ])  # fmt: skip
-    header = ['poses a sphere', 'program', 'position um', 'worst um', 'parameters 1e-3',
-              'as many: position', 'parameters']  # fmt: skip
+            rows.append(
+                [
+                    f'{n}',
+                    name,
+                    _shown(one.position * 1e6, 2),
+                    _shown(one.worst * 1e6, 2),
+                    _shown(one.parameters * 1e3, 3),
+                    _shown(_as_many(reference, one, 'position'), 0),
+                    _shown(_as_many(reference, one, 'parameters'), 0),
+                ]
+            )
+    header = [
+        'poses a sphere',
+        'program',
+        'position um',
+        'worst um',
+        'parameters 1e-3',
+        'as many: position',
+        'parameters',
+    ]
     return [*_conclusions(given, every), '', *columns(header, rows)]
 
 
@@ -236,9 +263,10 @@ def _conclusions(given: Candidates, every: dict[tuple[int, str], Predicted]) -> 
     for name in RANDOM:
         full = astuple(every[FULL, name])
         told[name] = next(
-            n for n in range(5, FULL + 1, 5)
+            n
+            for n in range(5, FULL + 1, 5)
             if np.less_equal(astuple(_chosen(given, n)), full).all()
-        )  # fmt: skip
+        )
     lines = [
         f'{FULL} random poses a sphere, {name}: {n} chosen ones ({n / FULL:.0%}) promise as much '
         'or more'
@@ -338,11 +366,14 @@ def errors(seeds: int) -> list[str]:
 def table(count: int) -> list[str]:
     """Both tables."""
     return [
-        *predictions(count), '',
+        *predictions(count),
+        '',
         f'Simulated calibrations by eq. 11, {count} truths: error of positions anywhere (rms; the',
         'base left free) and what the identification states (the base held where d1 and theta_0_1',
-        'are).', '', *errors(count),
-    ]  # fmt: skip
+        'are).',
+        '',
+        *errors(count),
+    ]
 
 
 if __name__ == '__main__':

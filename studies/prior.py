@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib_solver.identification import Options, identify
-from calib_solver.prior import DEFAULT_PRIOR, DEFAULT_SIGMA, Prior
+from calib_model.kinematics import DEFAULT_SIGMA
+from calib_solver.fitting import DEFAULT_PRIOR, Options, Prior
+from calib_solver.identification import identify
 from studies.running import columns, over_seeds, study
 from studies.scenes import (
     Noise,
@@ -70,11 +71,14 @@ def table(count: int) -> list[str]:
         for j, (total, locations, _) in enumerate(SETS):
             of = every[:, i, j]
             ratio = of[:, default] / of[:, none]
-            rows.append([
-                f'{total} poses, {locations} x 4 spheres',
-                *(f'{1e6 * value:.2f}' for value in np.median(of, axis=0)),
-                f'{int((ratio < 1).sum())} of {count}', f'{np.median(ratio):.3f}',
-            ])  # fmt: skip
+            rows.append(
+                [
+                    f'{total} poses, {locations} x 4 spheres',
+                    *(f'{1e6 * value:.2f}' for value in np.median(of, axis=0)),
+                    f'{int((ratio < 1).sum())} of {count}',
+                    f'{np.median(ratio):.3f}',
+                ]
+            )
         header = ['', *(f'strength {s:g}' for s in STRENGTHS), 'helped', 'ratio']
         lines += ['', f'parameters off by {size:.2g} of what the prior says', '']
         lines += columns(header, rows)

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib_model.arrays import Array
 from calib_model.errors import RankError
-from calib_model.rotation import Array, rotation_vector
-from calib_solver.probe_fit import ProbeFit, fit_probe
+from calib_model.transforms import rotation_vector
+from calib_solver.fitting import ProbeFit, fit_probe
 from calib_solver.problem import Problem
 from studies.running import columns, over_seeds, study
 from studies.scenes import (
@@ -94,12 +95,15 @@ def table(count: int) -> list[str]:
                 of = [one for one in every if one is not None]
                 if not of:
                     continue
-                rows.append([
-                    layout + (', distances' if distances else ''), str(count - len(of)),
-                    f'{1e6 * _rms([one.translation for one in of]):.1f}',
-                    f'{1e6 * _rms([one.rotation for one in of]):.1f}',
-                    f'{_rms([one.score for one in of]):.2f}',
-                ])  # fmt: skip
+                rows.append(
+                    [
+                        layout + (', distances' if distances else ''),
+                        str(count - len(of)),
+                        f'{1e6 * _rms([one.translation for one in of]):.1f}',
+                        f'{1e6 * _rms([one.rotation for one in of]):.1f}',
+                        f'{_rms([one.score for one in of]):.2f}',
+                    ]
+                )
         lines += ['', f'the {held} arm is held', '']
         lines += columns(['', 'refused', 'translation', 'rotation', 'error / stated'], rows)
     return lines

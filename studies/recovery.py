@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib_model.arm import Arm, Joint
-from calib_model.description import parse_arm, read_description
+from calib_model.arrays import Array
+from calib_model.descriptions import parse_arm, read_description
+from calib_model.instruments import Arm, Joint
 from calib_model.kinematics import points
-from calib_model.rotation import Array, RigidTransform
-from calib_solver.account import accounts
-from calib_solver.identification import Options, identify
-from calib_solver.objectives import OBJECTIVES
+from calib_model.transforms import RigidTransform
+from calib_solver.fitting import OBJECTIVES, Options
+from calib_solver.identification import identify
+from calib_solver.results import accounts
 from studies.running import columns, over_seeds, study
 from studies.scenes import CONFIG, Bench, Scene, kr5, measure, off_by_at_most, off_mount, reach
 
@@ -74,22 +75,25 @@ def anyhow(generator: np.random.Generator, seed: int) -> Arm:
     """Six axes, none of them nearly parallel to the next."""
     joints = [
         Joint(
-            f'joint_{i}', generator.uniform(-0.3, 0.3),
+            f'joint_{i}',
+            generator.uniform(-0.3, 0.3),
             generator.choice([-1, 1]) * generator.uniform(0.5, 2.6),
-            generator.uniform(-0.3, 0.3), generator.uniform(-3, 3),
+            generator.uniform(-0.3, 0.3),
+            generator.uniform(-3, 3),
             direction=int(generator.choice([-1, 1])),
         )
         for i in range(1, 7)
-    ]  # fmt: skip
+    ]
     return Arm(f'anyhow_{seed}', tuple(joints))
 
 
 def _places(bench: Bench, generator: np.random.Generator) -> list[RigidTransform]:
     """Places of the gauge at which the arm reaches all of its spheres."""
     reached = points(
-        bench.arm, generator.uniform(-2.5, 2.5, (300, bench.arm.n)),
+        bench.arm,
+        generator.uniform(-2.5, 2.5, (300, bench.arm.n)),
         bench.probe.flange_T_probe.translation,
-    )  # fmt: skip
+    )
     far = np.linalg.norm(reached - reached.mean(axis=0), axis=1)
     near = reached[np.argsort(far)[:100]]
     found: list[RigidTransform] = []
@@ -118,9 +122,11 @@ def outcomes(seed: int) -> list[Outcome]:
         unseen = sum(a.parameter.free and not a.identifiable for a in accounts(done))
         error = float(scene.errors(done.arm, done.probe).max())
         fit = done.fit
-        found.append(Outcome(
-            name, kind, probe, seed, error, fit.converged, unseen, fit.iterations, fit.reason
-        ))  # fmt: skip
+        found.append(
+            Outcome(
+                name, kind, probe, seed, error, fit.converged, unseen, fit.iterations, fit.reason
+            )
+        )
     return found
 
 
@@ -133,16 +139,28 @@ def table(count: int) -> list[str]:
             of = [one for one in every if (one.objective, one.probe) == (name, probe)]
             verdicts = Counter(one.verdict for one in of)
             worst = max((one.error for one in of if one.verdict == 'right'), default=float('nan'))
-            rows.append([
-                f'{name}, {probe}', str(len(of)),
-                *(str(verdicts[verdict]) for verdict in ('right', 'said', 'WRONG')),
-                str(sum(one.converged for one in of)), f'{worst:.1e}',
-                f'{np.median([one.iterations for one in of]):.0f}',
-                str(max(one.iterations for one in of)),
-            ])  # fmt: skip
+            rows.append(
+                [
+                    f'{name}, {probe}',
+                    str(len(of)),
+                    *(str(verdicts[verdict]) for verdict in ('right', 'said', 'WRONG')),
+                    str(sum(one.converged for one in of)),
+                    f'{worst:.1e}',
+                    f'{np.median([one.iterations for one in of]):.0f}',
+                    str(max(one.iterations for one in of)),
+                ]
+            )
     header = [
-        '', 'arms', 'right', 'said', 'WRONG', 'converged', 'worst right, m', 'iterations', 'most'
-    ]  # fmt: skip
+        '',
+        'arms',
+        'right',
+        'said',
+        'WRONG',
+        'converged',
+        'worst right, m',
+        'iterations',
+        'most',
+    ]
     lines = [f'{count} arms', '', *columns(header, rows)]
     others = [one for one in every if one.verdict != 'right']
     if others:

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib_model.probing import ProbingSet
-from calib_model.rotation import Array
-from calib_solver.identification import Identification, Options, identify
+from calib_model.arrays import Array
+from calib_model.measurement import ProbingSet
+from calib_solver.fitting import Options
+from calib_solver.identification import Identification, identify
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
 from studies.running import columns, over_seeds, study
@@ -179,9 +180,12 @@ def outcomes(seed: int) -> dict[str, Outcome]:
         named = [WORD.get(name, '') in one.reason for one in done.rejected if bad[one.pose - 1]]
         dealt = left_out | _set_apart(done, poses)
         found[name] = Outcome(
-            now[0] / best[0], now[1] / best[1], float(dealt[bad].mean()),
-            float(np.mean(named)) if named else 1.0, int((left_out & ~bad).sum()),
-        )  # fmt: skip
+            now[0] / best[0],
+            now[1] / best[1],
+            float(dealt[bad].mean()),
+            float(np.mean(named)) if named else 1.0,
+            int((left_out & ~bad).sum()),
+        )
     return found
 
 
@@ -204,13 +208,16 @@ def table(count: int) -> list[str]:
     rows = []
     for name in ('none', *FAULTS):
         of = [each[name] for each in found]
-        rows.append([
-            name,
-            *_ratio([one.held_out for one in of]), *_ratio([one.truth for one in of]),
-            f'{100 * np.mean([one.found for one in of]):.1f}',
-            f'{100 * np.mean([one.named for one in of]):.1f}' if name in WORD else '-',
-            str(sum(one.good_lost for one in of)),
-        ])  # fmt: skip
+        rows.append(
+            [
+                name,
+                *_ratio([one.held_out for one in of]),
+                *_ratio([one.truth for one in of]),
+                f'{100 * np.mean([one.found for one in of]):.1f}',
+                f'{100 * np.mean([one.named for one in of]):.1f}' if name in WORD else '-',
+                str(sum(one.good_lost for one in of)),
+            ]
+        )
     header = ['', 'held out', 'worst', 'truth', 'worst', 'found %', 'named %', 'good lost']
     good = count * (HELD_OUT - 1) * len(SPHERES) * POSES
     return [f'{count} seeds, {good} poses', '', *columns(header, rows)]

@@ -40,9 +40,13 @@ def over_seeds(work: Callable[[Seed], Result], seeds: Iterable[Seed]) -> list[Re
 
 
 def study(
-    name: str, about: str, count: int, table: Callable[[int], list[str]],
-    draw: Callable[[int], Figure] | None = None, option: str = 'count',
-) -> None:  # fmt: skip
+    name: str,
+    about: str,
+    count: int,
+    table: Callable[[int], list[str]],
+    draw: Callable[[int], Figure] | None = None,
+    option: str = 'count',
+) -> None:
     """Run a study from its command line: the table on stdout and in results/NAME.txt.
 
     The file, and results/NAME.png where there is something to `draw`, are written at the default

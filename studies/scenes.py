@@ -8,16 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
-from calib_model.arm import Arm
-from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
-from calib_model.freedom import parallel_joints
-from calib_model.gauge import Gauge
-from calib_model.kinematics import point_derivatives, points
-from calib_model.placement import parse_placements
-from calib_model.probe import PassiveProbe, Probe
-from calib_model.probing import Measurement, ProbingSet
-from calib_model.rotation import Array, RigidTransform, nearest_rotation
-from calib_solver.prior import DEFAULT_SIGMA
+from calib_model.arrays import Array
+from calib_model.descriptions import (
+    parse_arm,
+    parse_gauge,
+    parse_placements,
+    parse_probe,
+    read_description,
+)
+from calib_model.instruments import Arm, Gauge, PassiveProbe, Probe
+from calib_model.kinematics import DEFAULT_SIGMA, parallel_joints, point_derivatives, points
+from calib_model.measurement import Measurement, ProbingSet
+from calib_model.transforms import RigidTransform, nearest_rotation
 
 CONFIG = Path(__file__).resolve().parents[1] / 'ros2_ws/src/calib_bringup/config'
 SPHERES = (1, 6, 10, 14)
@@ -159,9 +161,13 @@ def off_gauge(gauge: Gauge, generator: np.random.Generator, ratio: float) -> Gau
 
 
 def measure(
-    bench: Bench, arm: Arm, mount: RigidTransform, generator: np.random.Generator,
-    poses: int, noise: Noise = NOISELESS,
-) -> Scene:  # fmt: skip
+    bench: Bench,
+    arm: Arm,
+    mount: RigidTransform,
+    generator: np.random.Generator,
+    poses: int,
+    noise: Noise = NOISELESS,
+) -> Scene:
     """`poses` of every sphere at every location, by the true `arm` and `mount`."""
     true_gauge = off_gauge(bench.gauge, generator, noise.certificate)
     targets = _targets(bench, true_gauge)
@@ -175,11 +181,13 @@ def measure(
     wanted = np.repeat(targets, poses, axis=0)
     q, arrived = reach(arm, q, mount.apply(centers), wanted)
     assert arrived.mean() > 0.98, f'{arm.name}: too few postures found'
-    keys = np.array([
-        (location, sphere)
-        for location in range(1, len(bench.placements) + 1)
-        for sphere in bench.spheres
-    ])  # fmt: skip
+    keys = np.array(
+        [
+            (location, sphere)
+            for location in range(1, len(bench.placements) + 1)
+            for sphere in bench.spheres
+        ]
+    )
     location, sphere = np.repeat(keys, poses, axis=0)[arrived].T
     q, read = q[arrived], centers[arrived]
     q = q + noise.joint * generator.normal(size=q.shape)

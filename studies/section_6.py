@@ -12,24 +12,31 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from calib_capture.planner import Planner
-from calib_capture.program import Program, ProgramSettings
-from calib_capture.teach import TaughtLocation, probed_sphere, taught_location
-from calib_model.arm import Arm
-from calib_model.bag import read_measurement, write_measurement
-from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
+from calib_capture.program import (
+    Planner,
+    Program,
+    ProgramSettings,
+    TaughtLocation,
+    probed_sphere,
+    taught_location,
+)
+from calib_model.bags import read_measurement, write_measurement
+from calib_model.descriptions import (
+    parse_arm,
+    parse_gauge,
+    parse_placements,
+    parse_probe,
+    read_description,
+)
 from calib_model.errors import RankError
-from calib_model.placement import parse_placements
-from calib_model.probe import Probe
-from calib_model.probing import Measurement
-from calib_model.rotation import RigidTransform
+from calib_model.instruments import Arm, Probe
+from calib_model.measurement import Measurement
+from calib_model.transforms import RigidTransform
+from calib_solver.fitting import fit_probe
 from calib_solver.identification import identify
-from calib_solver.probe_fit import fit_probe
 from calib_solver.problem import Problem
 from calib_solver.quality import Quality, assess
-from selfcenter_probe.magnitudes import parse_magnitudes
-from selfcenter_probe.simulation import probe_postures
-from selfcenter_probe.world import World
+from selfcenter_probe.simulation import World, parse_magnitudes, probe_postures
 from studies import faro
 from studies.running import columns, findings, study
 from studies.scenes import CONFIG, SPHERES
@@ -93,9 +100,7 @@ class Robot:
         generator = np.random.default_rng([self.seed, purpose])
         poses = probe_postures(self.world, joints, generator)
         with TemporaryDirectory() as folder:
-            write_measurement(
-                Path(folder) / 'bag', Measurement(self.arm, self.probe, GAUGE, poses)
-            )
+            write_measurement(Path(folder) / 'bag', Measurement(self.arm, self.probe, GAUGE, poses))
             return read_measurement(Path(folder) / 'bag')
 
     def taught(self) -> dict[int, TaughtLocation]:
@@ -106,15 +111,21 @@ class Robot:
         by_hand = self.probed(self.program(self.places, BY_HAND, 1), 0).poses
         found = {}
         for location in self.places:
-            rows = [np.flatnonzero((by_hand.location == location) & (by_hand.sphere == number))[0]
-                    for number in BY_HAND]  # fmt: skip
+            rows = [
+                np.flatnonzero((by_hand.location == location) & (by_hand.sphere == number))[0]
+                for number in BY_HAND
+            ]
             first, last = (
                 probed_sphere(
-                    self.arm, self.probe, GAUGE, number, by_hand.joints[row],
+                    self.arm,
+                    self.probe,
+                    GAUGE,
+                    number,
+                    by_hand.joints[row],
                     by_hand.displacement[row],
                 )
                 for number, row in zip(BY_HAND, rows, strict=True)
-            )  # fmt: skip
+            )
             found[location] = taught_location(GAUGE, location, first, last)
         return found
 
@@ -155,10 +166,12 @@ def _taught_lines(robot: Robot, taught: dict[int, TaughtLocation]) -> list[str]:
 
 def _true(robot: Robot, location: int) -> np.ndarray:
     world = robot.world
-    return np.array([
-        world.p_base_sphere[(world.location == location) & (world.sphere == number)][0]
-        for number in BY_HAND
-    ])  # fmt: skip
+    return np.array(
+        [
+            world.p_base_sphere[(world.location == location) & (world.sphere == number)][0]
+            for number in BY_HAND
+        ]
+    )
 
 
 def _program_line(program: Program) -> str:
@@ -216,9 +229,11 @@ def _shown(mount: RigidTransform) -> tuple[str, ...]:
 
 def _indicators(quality: Quality) -> tuple[str, ...]:
     return (
-        f'{faro.distance_mean(quality):.4f}', f'{quality.distance.max() * 1e3:.4f}',
-        f'{faro.two_sigma_mean(quality):.4f}', f'{quality.spheres.two_sigma.max() * 1e3:.4f}',
-    )  # fmt: skip
+        f'{faro.distance_mean(quality):.4f}',
+        f'{quality.distance.max() * 1e3:.4f}',
+        f'{faro.two_sigma_mean(quality):.4f}',
+        f'{quality.spheres.two_sigma.max() * 1e3:.4f}',
+    )
 
 
 def _compared(worth: dict[str, tuple[Quality, Quality]]) -> list[str]:
@@ -226,20 +241,23 @@ def _compared(worth: dict[str, tuple[Quality, Quality]]) -> list[str]:
     nominal, last = worth['nominal'], worth['eq. 11']
     placed = worth['eq. 15, all spheres, distances']
     said = [
-        ('eq. 15 places the probe before the arm is known: 2 sigma falls',
-         faro.two_sigma_mean(placed[0]) < faro.two_sigma_mean(nominal[0])),
-        ('eq. 11 improves accuracy and repeatability where it was identified',
-         _below(last[0], placed[0])),
+        (
+            'eq. 15 places the probe before the arm is known: 2 sigma falls',
+            faro.two_sigma_mean(placed[0]) < faro.two_sigma_mean(nominal[0]),
+        ),
+        (
+            'eq. 11 improves accuracy and repeatability where it was identified',
+            _below(last[0], placed[0]),
+        ),
         ('and throughout the workspace: at a location never used', _below(last[1], placed[1])),
-    ]  # fmt: skip
+    ]
     return ['of what the chapter expects, here:', *findings(said)]
 
 
 def _below(one: Quality, other: Quality) -> bool:
-    return (
-        faro.distance_mean(one) < faro.distance_mean(other)
-        and faro.two_sigma_mean(one) < faro.two_sigma_mean(other)
-    )
+    return faro.distance_mean(one) < faro.distance_mean(other) and faro.two_sigma_mean(
+        one
+    ) < faro.two_sigma_mean(other)
 
 
 if __name__ == '__main__':

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib_solver.account import Account, accounts
+from calib_solver.results import Account, accounts
 from studies import chapter, faro
 from studies.running import columns, findings, paragraph, study
 
@@ -38,19 +38,29 @@ def table(seed: int) -> list[str]:
     found = {account.parameter.name: account for account in accounts(done)}
     quality = done.identified
     return [
-        *faro.origin(('passive',), seed), '',
-        'parameters, chapter', '', *_parameters(chapter.TABLE_1_JOINTS, chapter.TABLE_1_PROBE),
-        '', 'parameters, here (* held: not told by these poses, or the same as another one)', '',
+        *faro.origin(('passive',), seed),
+        '',
+        'parameters, chapter',
+        '',
+        *_parameters(chapter.TABLE_1_JOINTS, chapter.TABLE_1_PROBE),
+        '',
+        'parameters, here (* held: not told by these poses, or the same as another one)',
+        '',
         *_parameters(
             [tuple(_shown(found[name]) for name in _names(joint)) for joint in range(1, 7)],
             tuple(_shown(found[name]) for name in ('probe_x', 'probe_y', 'probe_z')),
         ),
-        '', 'quality', '',
+        '',
+        'quality',
+        '',
         *chapter.beside(
             chapter.TABLE_1, (chapter.distance_rows(quality), chapter.two_sigma_rows(quality))
         ),
-        '', *_before(seed), '', *_compared(seed),
-    ]  # fmt: skip
+        '',
+        *_before(seed),
+        '',
+        *_compared(seed),
+    ]
 
 
 def _names(joint: int) -> list[str]:
@@ -91,7 +101,7 @@ def _compared(seed: int) -> list[str]:
             'the mean distance error is below the mean 2 sigma',
             faro.distance_mean(done.identified) < faro.two_sigma_mean(done.identified),
         ),
-    ]  # fmt: skip
+    ]
     differs = DIFFERS.format(pairs=len(done.identified.distance))
     return ["of the chapter's findings, here:", *findings(said), '', *paragraph(differs)]
 

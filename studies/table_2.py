@@ -39,13 +39,19 @@ def _compared(seed: int) -> list[str]:
     tested = {kind: faro.tested(kind, seed) for kind in faro.KINDS}
     passive, active = tested['passive'], tested['active']
     said += [
-        ('active below passive: mean distance error',
-         faro.distance_mean(active) < faro.distance_mean(passive)),
-        ('active below passive: largest distance error',
-         active.distance.max() < passive.distance.max()),
-        ('active below passive: 2 sigma in X, Y and Z',
-         bool((faro.two_sigma_xyz(active) < faro.two_sigma_xyz(passive)).all())),
-    ]  # fmt: skip
+        (
+            'active below passive: mean distance error',
+            faro.distance_mean(active) < faro.distance_mean(passive),
+        ),
+        (
+            'active below passive: largest distance error',
+            active.distance.max() < passive.distance.max(),
+        ),
+        (
+            'active below passive: 2 sigma in X, Y and Z',
+            bool((faro.two_sigma_xyz(active) < faro.two_sigma_xyz(passive)).all()),
+        ),
+    ]
     gain = faro.two_sigma_xyz(passive) - faro.two_sigma_xyz(active)
     said.append(('active below passive, most of all in Z', int(gain.argmax()) == 2))
     for kind, quality in tested.items():
@@ -54,16 +60,23 @@ def _compared(seed: int) -> list[str]:
         sphere = int(quality.spheres.keys[worst, 1])
         said += [
             (f'{kind}: 2 sigma largest in Z', int(faro.two_sigma_xyz(quality).argmax()) == 2),
-            (f'{kind}: distance errors at most as large as where it was identified',
-             quality.distance.max() <= before.distance.max()),
-            (f'{kind}: the largest 2 sigma at an end of the bar (here sphere {sphere})',
-             min(abs(sphere - end) for end in ENDS) <= 1),
-        ]  # fmt: skip
+            (
+                f'{kind}: distance errors at most as large as where it was identified',
+                quality.distance.max() <= before.distance.max(),
+            ),
+            (
+                f'{kind}: the largest 2 sigma at an end of the bar (here sphere {sphere})',
+                min(abs(sphere - end) for end in ENDS) <= 1,
+            ),
+        ]
     own = faro.distance_mean(faro.identified('passive', seed).identified)
     x, y, z = faro.two_sigma_xyz(active)
     differs = DIFFERS.format(
-        ratio=faro.distance_mean(passive) / own, x=x, y=y, z=z,
-    )  # fmt: skip
+        ratio=faro.distance_mean(passive) / own,
+        x=x,
+        y=y,
+        z=z,
+    )
     return ["of the chapter's findings, here:", *findings(said), '', *paragraph(differs)]
 
 

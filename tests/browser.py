@@ -16,10 +16,18 @@ from typing import Any
 
 NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable')
 SWITCHES = (
-    '--headless', '--no-sandbox', '--disable-gpu', '--disable-dev-shm-usage', '--no-first-run',
-    '--disable-background-networking', '--disable-component-update', '--disable-sync',
-    '--disable-extensions', '--hide-scrollbars', '--remote-debugging-pipe',
-)  # fmt: skip
+    '--headless',
+    '--no-sandbox',
+    '--disable-gpu',
+    '--disable-dev-shm-usage',
+    '--no-first-run',
+    '--disable-background-networking',
+    '--disable-component-update',
+    '--disable-sync',
+    '--disable-extensions',
+    '--hide-scrollbars',
+    '--remote-debugging-pipe',
+)
 PATIENCE = 30.0
 
 
@@ -47,9 +55,14 @@ class Browser:
 
         words = [program, *SWITCHES, f'--user-data-dir={self._profile}', 'about:blank']
         self._process = subprocess.Popen(
-            words, preexec_fn=give, pass_fds=(3, 4), start_new_session=True,
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
+            words,
+            preexec_fn=give,
+            pass_fds=(3, 4),
+            start_new_session=True,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
         os.close(reads)
         os.close(writes)
         os.set_blocking(self._from, False)
@@ -109,8 +122,13 @@ class Browser:
 
     def show(self, path: Path, width: int, dark: bool = False, media: str = 'screen') -> None:
         """Load a file as a window of that width shows it, and wait until it is drawn."""
-        self.call('Emulation.setDeviceMetricsOverride', width=width, height=900,
-                  deviceScaleFactor=1, mobile=False)  # fmt: skip
+        self.call(
+            'Emulation.setDeviceMetricsOverride',
+            width=width,
+            height=900,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
         scheme = {'name': 'prefers-color-scheme', 'value': 'dark' if dark else 'light'}
         self.call('Emulation.setEmulatedMedia', media=media, features=[scheme])
         self.events.clear()
@@ -154,8 +172,9 @@ class Browser:
     def paper(self, path: Path) -> None:
         """The page as it prints on A4, PDF."""
         self.call('Emulation.setEmulatedMedia', media='print')
-        answer = self.call('Page.printToPDF', paperWidth=8.27, paperHeight=11.69,
-                           preferCSSPageSize=True)  # fmt: skip
+        answer = self.call(
+            'Page.printToPDF', paperWidth=8.27, paperHeight=11.69, preferCSSPageSize=True
+        )
         path.write_bytes(base64.b64decode(answer['data']))
 
 

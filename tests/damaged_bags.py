@@ -14,12 +14,9 @@ import numpy as np
 import zstandard
 from mcap.writer import CompressionType, Writer
 
-from calib_model import cdr
-from calib_model.bag import write_descriptions
-from calib_model.bag_reader import MAGIC, read_messages
-from calib_model.bag_writer import BagWriter
-from calib_model.description import arm_yaml
-from calib_model.probing import Measurement
+from calib_model.bags import MAGIC, BagWriter, cdr, read_messages, write_descriptions
+from calib_model.descriptions import arm_yaml
+from calib_model.measurement import Measurement
 from calib_model.topics import (
     ARM_DESCRIPTION,
     CAPTURE_POSES,
@@ -37,10 +34,17 @@ TOPICS = (*DESCRIPTIONS, CAPTURE_POSES)
 def pose_bytes(measured: Measurement, row: int) -> bytes:
     """The CDR bytes of a pose."""
     poses = measured.poses
-    return cdr.encode(cdr.probing_pose(
-        int(poses.stamp[row]), 'base_link', int(poses.location[row]), int(poses.sphere[row]),
-        poses.joints[row], poses.displacement[row], int(poses.readings[row]),
-    ))  # fmt: skip
+    return cdr.encode(
+        cdr.probing_pose(
+            int(poses.stamp[row]),
+            'base_link',
+            int(poses.location[row]),
+            int(poses.sphere[row]),
+            poses.joints[row],
+            poses.displacement[row],
+            int(poses.readings[row]),
+        )
+    )
 
 
 def bytes_of(measured: Measurement, path: Path) -> bytes:
@@ -98,9 +102,16 @@ def with_odd_messages(measured: Measurement, path: Path, rng: random.Random) -> 
             if kind != 'names' or rng.random() < 0.7:
                 text = rng.choice((b'', b'\xff', b'string data'))
                 schema = writer.register_schema(type_name, rng.choice(('ros2msg', 'x', '')), text)
-            channels[topic] = writer.register_channel(topic, encoding, schema, {
-                'offered_qos_profiles': rng.choice(('', '[', '&a [*a]', '- {depth: x}', '[' * 5000))
-            })  # fmt: skip
+            channels[topic] = writer.register_channel(
+                topic,
+                encoding,
+                schema,
+                {
+                    'offered_qos_profiles': rng.choice(
+                        ('', '[', '&a [*a]', '- {depth: x}', '[' * 5000)
+                    )
+                },
+            )
         for topic, data in _descriptions(measured, path):
             if kind == 'descriptions' and rng.random() < 0.4:
                 data = changed_message(data, rng)
@@ -161,9 +172,7 @@ def _million_names(measured: Measurement, folder: Path) -> Path:
     names = [f'joint_{i}' for i in range(1_000_000)]
     state = cdr.encode(cdr.joint_state(1, '', names, np.zeros(len(names))))
     reading = cdr.encode(cdr.displacements(1, 'p', np.zeros(3), np.zeros(3)))
-    return _bag(
-        folder / 'names', measured, [(JOINT_STATES, state), (PROBE_DISPLACEMENTS, reading)]
-    )
+    return _bag(folder / 'names', measured, [(JOINT_STATES, state), (PROBE_DISPLACEMENTS, reading)])
 
 
 def _other_names_each_time(measured: Measurement, folder: Path) -> Path:
@@ -271,10 +280,12 @@ def sqlite_bag(measured: Measurement, path: Path) -> bytes:
 
 def change_a_cell(file: Path, rng: random.Random) -> None:
     """One cell of an SQLite bag gets a value of another kind."""
-    table, columns = rng.choice((
-        ('topics', ('name', 'type', 'serialization_format', 'offered_qos_profiles')),
-        ('messages', ('topic_id', 'timestamp', 'data')),
-    ))  # fmt: skip
+    table, columns = rng.choice(
+        (
+            ('topics', ('name', 'type', 'serialization_format', 'offered_qos_profiles')),
+            ('messages', ('topic_id', 'timestamp', 'data')),
+        )
+    )
     value = rng.choice((None, 10**12, -1, 1.5, 'text', b'\xff\xfe', b'', 'x' * 10_000))
     with closing(sqlite3.connect(file)) as base, base:
         column = rng.choice(columns)

@@ -12,10 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from calib_model import cdr
-from calib_model.bag_reader import read_messages
-from calib_model.bag_writer import BagWriter
-from calib_model.rotation import Array
+from calib_model.arrays import Array
+from calib_model.bags import BagWriter, cdr, read_messages
 from calib_model.topics import (
     CAPTURE_POSES,
     DESCRIPTIONS,
@@ -74,10 +72,13 @@ def _read(path: Path) -> Streams:
             found.states.append(State(cdr.stamp_of(state), list(state.name), position))
         elif topic == PROBE_DISPLACEMENTS.name:
             reading = cdr.decode(DISPLACEMENTS, data)
-            found.readings.append(Read(
-                cdr.stamp_of(reading), np.array(reading.displacement),
-                [int(status) for status in reading.status],
-            ))  # fmt: skip
+            found.readings.append(
+                Read(
+                    cdr.stamp_of(reading),
+                    np.array(reading.displacement),
+                    [int(status) for status in reading.status],
+                )
+            )
         else:
             found.others.append((topic, data, time))
     return found
@@ -200,14 +201,25 @@ def _other_units(streams: Streams, rng: random.Random) -> None:
 
 
 DISORDERS: dict[str, Callable[[Streams, random.Random], None]] = {
-    'backwards': _backwards, 'shuffled': _shuffled, 'equal stamps': _equal_stamps,
-    'odd stamps': _odd_stamps, 'another clock': _shifted, 'joints in another order': _other_order,
-    'joints missing': _missing, 'more joints': _extra, 'one name': _same_name,
-    'odd numbers': _odd_numbers, 'not in contact': _status, 'constant': _constant,
-    'a topic missing': _one_topic, 'a description or the poses missing': _undescribed,
-    'gaps': _gaps, 'two sources': _two_sources, 'played twice': _played_twice,
+    'backwards': _backwards,
+    'shuffled': _shuffled,
+    'equal stamps': _equal_stamps,
+    'odd stamps': _odd_stamps,
+    'another clock': _shifted,
+    'joints in another order': _other_order,
+    'joints missing': _missing,
+    'more joints': _extra,
+    'one name': _same_name,
+    'odd numbers': _odd_numbers,
+    'not in contact': _status,
+    'constant': _constant,
+    'a topic missing': _one_topic,
+    'a description or the poses missing': _undescribed,
+    'gaps': _gaps,
+    'two sources': _two_sources,
+    'played twice': _played_twice,
     'other units': _other_units,
-}  # fmt: skip
+}
 
 
 def disordered(source: Path, path: Path, rng: random.Random, kinds: Sequence[str]) -> None:

@@ -13,11 +13,10 @@ from pathlib import Path
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from calib_capture.import_csv import import_csv
-from calib_model import cdr
-from calib_model.arm import Arm
-from calib_model.bag_reader import read_messages
-from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
+from calib_capture.commands.import_csv import import_csv
+from calib_model.bags import cdr, read_messages
+from calib_model.descriptions import parse_arm, parse_gauge, parse_probe, read_description
+from calib_model.instruments import Arm
 from calib_model.kinematics import points
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
 from calib_model.urdf import arm_urdf
@@ -28,11 +27,44 @@ FENCE = re.compile(r'^ *```(\w*)\s*$')
 SHELL = ('', 'bash', 'sh', 'console')
 #: what a line of a shell begins with; blocks that begin otherwise are tables and drawings
 WORDS = {
-    'ros2', 'make', 'source', 'python', 'python3', 'pip', 'export', 'colcon', 'git', 'cp', 'mkdir',
-    'ls', 'cat', 'head', 'dask', 'rviz2', 'sudo', 'apt', 'curl', 'cd', 'printf', 'echo', 'docker',
-}  # fmt: skip
-DATA = ('bags', 'docs', 'studies', 'tools', 'ros2_ws', 'env.bash', 'Makefile', '.venv',
-        'pyproject.toml', 'benchmarks', 'tests', 'requirements.txt')  # fmt: skip
+    'ros2',
+    'make',
+    'source',
+    'python',
+    'python3',
+    'pip',
+    'export',
+    'colcon',
+    'git',
+    'cp',
+    'mkdir',
+    'ls',
+    'cat',
+    'head',
+    'dask',
+    'rviz2',
+    'sudo',
+    'apt',
+    'curl',
+    'cd',
+    'printf',
+    'echo',
+    'docker',
+}
+DATA = (
+    'bags',
+    'docs',
+    'studies',
+    'tools',
+    'ros2_ws',
+    'env.bash',
+    'Makefile',
+    '.venv',
+    'pyproject.toml',
+    'benchmarks',
+    'tests',
+    'requirements.txt',
+)
 
 
 @dataclass(frozen=True)
@@ -85,8 +117,11 @@ def _joined(document: Path, lines: Sequence[tuple[int, str]]) -> Iterator[Comman
 
 def python_blocks(document: Path) -> list[str]:
     """Blocks of Python."""
-    return ['\n'.join(text for _, text in lines) for language, lines in fenced(document)
-            if language == 'python']  # fmt: skip
+    return [
+        '\n'.join(text for _, text in lines)
+        for language, lines in fenced(document)
+        if language == 'python'
+    ]
 
 
 def furnish(folder: Path) -> None:
@@ -96,29 +131,40 @@ def furnish(folder: Path) -> None:
     arm = read_description(CONFIG / 'arms/kuka_kr5_sixx_r650.yaml', parse_arm)
     (folder / 'my_robot.urdf').write_text(arm_urdf(arm), encoding='utf-8')
     for ours, theirs in (
-        ('probes/active_trihedron.yaml', 'probe.yaml'), ('gauges/ball_bar_kr5.yaml', 'gauge.yaml'),
-        ('arms/kuka_lbr_iiwa14.yaml', 'ARM.yaml'), ('probes/seated_ball_iiwa14.yaml', 'PROBE.yaml'),
-        ('gauges/two_sockets.yaml', 'GAUGE.yaml'), ('locations/kr5.yaml', 'placements.yaml'),
-        ('bodies/kr5.yaml', 'bodies.yaml'), ('links/kuka_kr5_sixx_r650.yaml', 'links.yaml'),
-    ):  # fmt: skip
+        ('probes/active_trihedron.yaml', 'probe.yaml'),
+        ('gauges/ball_bar_kr5.yaml', 'gauge.yaml'),
+        ('arms/kuka_lbr_iiwa14.yaml', 'ARM.yaml'),
+        ('probes/seated_ball_iiwa14.yaml', 'PROBE.yaml'),
+        ('gauges/two_sockets.yaml', 'GAUGE.yaml'),
+        ('locations/kr5.yaml', 'placements.yaml'),
+        ('bodies/kr5.yaml', 'bodies.yaml'),
+        ('links/kuka_kr5_sixx_r650.yaml', 'links.yaml'),
+    ):
         shutil.copy(CONFIG / ours, folder / theirs)
     (folder / 'targets.csv').write_text('x,y,z\n0.45,0.10,0.50\n0.50,-0.10,0.40\n')
     raw_bag(ROOT / 'bags/demo/identification', folder / 'my_bag')
     raw_bag(ROOT / 'bags/demo/held_out', folder / 'my_held_out')
     seated_tables(folder)
     for name in ('raised_left', 'left_back'):  # of the three, README imports only the first
-        import_csv(folder / f'{name}.csv', folder / 'bag' / name,
-                   *(folder / f'{each}.yaml' for each in ('ARM', 'PROBE', 'GAUGE')))  # fmt: skip
+        import_csv(
+            folder / f'{name}.csv',
+            folder / 'bag' / name,
+            *(folder / f'{each}.yaml' for each in ('ARM', 'PROBE', 'GAUGE')),
+        )
 
 
 def raw_bag(ours: Path, theirs: Path) -> None:
     """The two raw topics of a bag as rosbags writes them."""
-    topics = {JOINT_STATES.name: JOINT_STATES.type,
-              PROBE_DISPLACEMENTS.name: PROBE_DISPLACEMENTS.type}  # fmt: skip
+    topics = {
+        JOINT_STATES.name: JOINT_STATES.type,
+        PROBE_DISPLACEMENTS.name: PROBE_DISPLACEMENTS.type,
+    }
     store = cdr.typestore()
     with Writer(theirs, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        channel = {name: writer.add_connection(name, kind, typestore=store)
-                   for name, kind in topics.items()}  # fmt: skip
+        channel = {
+            name: writer.add_connection(name, kind, typestore=store)
+            for name, kind in topics.items()
+        }
         for message in read_messages(ours, set(topics)):
             writer.write(channel[message.topic], message.log_time, message.data)
 
@@ -131,9 +177,10 @@ def seated_tables(folder: Path) -> None:
     seat = probe.flange_T_probe.apply(probe.center)
     generator = np.random.default_rng(1)
     for name, place in (
-        ('front', (0.6, 0.0, 0.1)), ('raised_left', (0.3, 0.5, 0.4)),
+        ('front', (0.6, 0.0, 0.1)),
+        ('raised_left', (0.3, 0.5, 0.4)),
         ('left_back', (-0.2, 0.6, 0.2)),
-    ):  # fmt: skip
+    ):
         rows = [
             f'1,{number},' + ','.join(f'{angle:.9f}' for angle in posture)
             for number in gauge.numbers

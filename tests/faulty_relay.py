@@ -11,8 +11,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from calib_capture.executor_node import lean_executor
-from calib_capture.messages import qos_of
+from calib_model.nodes import lean_executor, qos_of
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
 
 SHARE = 0.01  # of each fault
@@ -39,8 +38,9 @@ def relay(node: Node, kind: type, topic, rng: np.random.Generator) -> None:
         while held:
             out.publish(held.pop())
 
-    node.create_subscription(kind, f'/raw{topic.name}', take, qos_of(topic, best_effort=True),
-                             raw=True)  # fmt: skip
+    node.create_subscription(
+        kind, f'/raw{topic.name}', take, qos_of(topic, best_effort=True), raw=True
+    )
 
 
 def main() -> None:

@@ -17,20 +17,17 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from calib_bringup.processes import Child, Children, graph_environment
-from calib_model.bag import read_measurement
-from calib_model.bag_reader import read_messages
-from calib_model.bag_recovery import recover
-from calib_model.description import probe_yaml
+from calib_model.bags import read_measurement, read_messages, recover
+from calib_model.descriptions import parse_placements, probe_yaml
 from calib_model.errors import BagError
 from calib_model.kinematics import points
-from calib_model.placement import parse_placements
-from calib_model.probing import Measurement, ProbingSet
+from calib_model.measurement import Measurement, ProbingSet
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'ros2_ws/src/calib_bringup/config'
 PLACES = CONFIG / 'locations/kr5.yaml'
-ARM, PROBE = 'calib_capture.arm_node', 'selfcenter_probe.probe_node'
-OPERATOR, CAPTURE = 'selfcenter_probe.operator_node', 'calib_capture.capture_node'
+ARM, PROBE = 'calib_capture.nodes.arm_node', 'selfcenter_probe.nodes.probe_node'
+OPERATOR, CAPTURE = 'selfcenter_probe.nodes.operator_node', 'calib_capture.nodes.capture_node'
 RIGHT = 1e-6  # m: what PSDs of 16 bits round to is less
 
 
@@ -57,10 +54,19 @@ class Graph:
         return self.start(name, PROBE, *more, world=self.world, **described)
 
     def capture(self, name: str = 'capture', poses: int = 6, **asked: object) -> Child:
-        return self.start(name, CAPTURE, **{
-            'placements': PLACES, 'output': self.folder / 'bag', 'locations': '[3]',
-            'spheres': '[1, 10]', 'poses_per_sphere': poses, 'pool': 1, **asked,
-        })  # fmt: skip
+        return self.start(
+            name,
+            CAPTURE,
+            **{
+                'placements': PLACES,
+                'output': self.folder / 'bag',
+                'locations': '[3]',
+                'spheres': '[1, 10]',
+                'poses_per_sphere': poses,
+                'pool': 1,
+                **asked,
+            },
+        )
 
     def said(self, child: Child) -> str:
         return (self.folder / f'{child.name}.log').read_text()
@@ -77,9 +83,10 @@ class Graph:
         relay.process.wait(10)
         said = self.said(relay)
         assert all(
-            f"'{topic} {fault}'" in said for topic in ('/joint_states', '/probe/displacements')
+            f"'{topic} {fault}'" in said
+            for topic in ('/joint_states', '/probe/displacements')
             for fault in ('dropped', 'doubled', 'out of order')
-        ), said  # fmt: skip
+        ), said
 
     def until(self, child: Child, done, seconds: float = 40.0) -> None:
         """Until `done`: a text that the process says, or a function."""
@@ -123,10 +130,12 @@ class Graph:
         measured = self.recovered(bag)
         poses, gauge = measured.poses, measured.gauge
         places = parse_placements(PLACES.read_text(), 'kr5.yaml')
-        truth = np.array([
-            places[int(location)].apply(gauge.center(int(sphere)))
-            for location, sphere in zip(poses.location, poses.sphere, strict=True)
-        ])  # fmt: skip
+        truth = np.array(
+            [
+                places[int(location)].apply(gauge.center(int(sphere)))
+                for location, sphere in zip(poses.location, poses.sphere, strict=True)
+            ]
+        )
         seen = points(
             measured.arm, poses.joints, measured.probe.flange_T_probe.apply(measured.centers())
         )

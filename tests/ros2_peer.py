@@ -40,11 +40,18 @@ def main() -> None:
     rclpy.init()
     node = Node('peer')
     node.declare_parameter('rate', 5.0)
-    ActionServer(node, Capture, 'run', capture, callback_group=ReentrantCallbackGroup(),
-                 cancel_callback=lambda goal: CancelResponse.ACCEPT)
+    ActionServer(
+        node,
+        Capture,
+        'run',
+        capture,
+        callback_group=ReentrantCallbackGroup(),
+        cancel_callback=lambda goal: CancelResponse.ACCEPT,
+    )
     node.create_service(SetBool, 'switch', answer)
     latched = node.create_publisher(
-        String, 'description', QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+        String, 'description', QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    )
     latched.publish(String(data='a' * 200))
     reliable = node.create_publisher(String, 'chatter', 10)
     sensor = node.create_publisher(JointState, 'joint_states', qos_profile_sensor_data)

@@ -12,8 +12,10 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 SOAK = os.environ.get('SOAK') == '1'
-HEADER = ['| load | what came of it | lost without a word | memory early → at the end |',
-          '| --- | --- | --- | --- |']  # fmt: skip
+HEADER = [
+    '| load | what came of it | lost without a word | memory early → at the end |',
+    '| --- | --- | --- | --- |',
+]
 
 
 def note(**figures: object) -> None:
@@ -30,9 +32,16 @@ def note(**figures: object) -> None:
 
 def page(seen: dict[str, Any]) -> str:
     """The figures of a soak as a page of Markdown."""
-    lines = ['# Soak', '', 'What the last `make soak` saw; it writes this page. '
-             f'{os.cpu_count()} cores, CPython {platform.python_version()}, commit {commit()}.',
-             '', '## Load', '', *HEADER]  # fmt: skip
+    lines = [
+        '# Soak',
+        '',
+        'What the last `make soak` saw; it writes this page. '
+        f'{os.cpu_count()} cores, CPython {platform.python_version()}, commit {commit()}.',
+        '',
+        '## Load',
+        '',
+        *HEADER,
+    ]
     if 'led_seconds' in seen:
         lines.append(
             f'| an arm led by hand for {seen["led_seconds"] / 60:.0f} min, 500 joint states and '
@@ -50,9 +59,15 @@ def page(seen: dict[str, Any]) -> str:
             )
     fuzz = {key: counts for key, counts in seen.items() if key.startswith('damaged ')}
     if fuzz:
-        lines += ['', '## Damaged input', '',
-                  'Each case was read right or refused in one line.', '',
-                  '| input | read right | refused |', '| --- | --- | --- |']  # fmt: skip
+        lines += [
+            '',
+            '## Damaged input',
+            '',
+            'Each case was read right or refused in one line.',
+            '',
+            '| input | read right | refused |',
+            '| --- | --- | --- |',
+        ]
         lines += [f'| {key[8:]} | {well} | {refused} |' for key, (well, refused) in fuzz.items()]
     return '\n'.join(lines) + '\n'
 

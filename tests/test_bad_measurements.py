@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib_model.bag import read_measurement
+from calib_model.bags import read_measurement
 from calib_model.errors import DataError
-from calib_model.kinematics import forward
+from calib_model.kinematics import forward_kinematics
 from calib_solver.identification import identify
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
@@ -87,7 +87,7 @@ def exchange_6_and_14(sphere):
 def with_moved_gauge(first, last):
     """As if somebody had pushed the gauge by 0.5 mm before pose `first`, until pose `last`."""
     poses, arm, probe = measured().poses, measured().arm, measured().probe
-    T_base_probe = forward(arm, poses.joints)[:, :3, :3] @ probe.flange_T_probe.rotation
+    T_base_probe = forward_kinematics(arm, poses.joints)[:, :3, :3] @ probe.flange_T_probe.rotation
     centers = np.array(measured().centers())
     pushed = slice(first, last + 1)
     centers[pushed] += np.einsum('nji,j->ni', T_base_probe[pushed], [3e-4, 4e-4, 0])
@@ -109,44 +109,49 @@ def on_an_uneven_bar(count):
     )
     poses = measured().poses
     return replace(
-        measured(), gauge=replace(gauge, spheres=spheres),
+        measured(),
+        gauge=replace(gauge, spheres=spheres),
         poses=replace(poses, sphere=count(np.array(poses.sphere))),
-    )  # fmt: skip
+    )
 
 
 NAMED = {
     'a stylus stuck': (lambda: with_readings(held_at(1, 7e-4)), r'^stylus 2 reads 0.7000 mm in'),
     'a stylus stuck in mid-measurement': (
         lambda: with_readings(held_at(1, 7e-4, 180)),
-        r'^stylus 2 reads 0.7000 mm in poses 181 to 560 .*: stuck; they are left out'
+        r'^stylus 2 reads 0.7000 mm in poses 181 to 560 .*: stuck; they are left out',
     ),
     'styli exchanged': (lambda: with_readings(exchanged(0, 1)), r'styli 1 and 2 exchanged'),
     'a stylus reversed': (lambda: with_readings(scaled(0, -1)), r'sign of stylus 1 reversed'),
     'a gain 2 % off': (
-        lambda: with_readings(scaled(2, 1.02)), r'^stylus 3 reads (1\.9|2\.0).% too much'
+        lambda: with_readings(scaled(2, 1.02)),
+        r'^stylus 3 reads (1\.9|2\.0).% too much',
     ),
     'an encoder that jumped': (
         lambda: with_joints(shifted(2, 2e-3)),
-        r'joint_a3 .*jumped by \+(1\.9|2\.0)\d+ mrad near pose 28\d'
+        r'joint_a3 .*jumped by \+(1\.9|2\.0)\d+ mrad near pose 28\d',
     ),
     'an encoder that jumped far': (
         lambda: with_joints(shifted(1, -0.3)),
-        r'joint_a2 .*jumped by -(300\.0|299\.9)\d* mrad near pose 28\d'
+        r'joint_a2 .*jumped by -(300\.0|299\.9)\d* mrad near pose 28\d',
     ),
     'an encoder that was off for a while': (
         lambda: with_joints(shifted(3, 5e-3, 200, 320)),
-        r'joint_a4 .*jumped by \+(4\.9|5\.0).* mrad near pose 20\d and back near (31|32)\d'
+        r'joint_a4 .*jumped by \+(4\.9|5\.0).* mrad near pose 20\d and back near (31|32)\d',
     ),
     'joints exchanged': (lambda: with_joints(exchanged(3, 4)), r'joint_a4 and joint_a5 exchanged'),
     'a joint reversed': (lambda: with_joints(scaled(3, -1)), r'joint_a4 counted the other way'),
     'a joint in degrees': (
-        lambda: with_joints(scaled(2, 180 / np.pi)), r'joint_a3 taken as degrees'
+        lambda: with_joints(scaled(2, 180 / np.pi)),
+        r'joint_a3 taken as degrees',
     ),
     'turned to radians twice': (
-        lambda: with_joints(np.radians), r'joint positions taken as turned to radians twice'
+        lambda: with_joints(np.radians),
+        r'joint positions taken as turned to radians twice',
     ),
     'a joint counted from elsewhere': (
-        lambda: with_joints(shifted(2, np.pi / 2, 0)), r'-90 deg added to joint joint_a3'
+        lambda: with_joints(shifted(2, np.pi / 2, 0)),
+        r'-90 deg added to joint joint_a3',
     ),
     'degrees for radians': (lambda: with_joints(np.degrees), r'joint positions taken as degrees'),
     'a wrong certificate': (
@@ -164,10 +169,12 @@ NAMED = {
         r"^the spheres' diameter is \+0\.(19|20)\d mm from the gauge's 21\.8 mm",
     ),
     'numbers shifted by one along an uneven bar': (
-        lambda: on_an_uneven_bar(lambda n: n + 1), r'better with every sphere number lower by 1'
+        lambda: on_an_uneven_bar(lambda n: n + 1),
+        r'better with every sphere number lower by 1',
     ),
     'an uneven bar the other way round': (
-        lambda: on_an_uneven_bar(lambda n: 16 - n), r'better with spheres counted from the other'
+        lambda: on_an_uneven_bar(lambda n: 16 - n),
+        r'better with spheres counted from the other',
     ),
     'another gauge': (
         lambda: with_centers(lambda n, c: c + [0.01 * np.sin(n), 0.01 * np.cos(n), 0]),
@@ -186,10 +193,11 @@ NAMED = {
         r'^location 2: sphere .*mislabelled, or the gauge moved',
     ),
     'a gauge moved in mid-location': (
-        lambda: with_moved_gauge(200, 239), r'^location 3: sphere .*or the gauge moved'
+        lambda: with_moved_gauge(200, 239),
+        r'^location 3: sphere .*or the gauge moved',
     ),
     'a gauge moved in mid-sphere': (lambda: with_moved_gauge(212, 239), r'gauge moved|left out'),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize('fault', NAMED)

@@ -11,17 +11,19 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
-from calib_model import cdr
-from calib_model.bag import read_measurement, write_descriptions, write_measurement
-from calib_model.bag_account import FileAccount
-from calib_model.bag_reader import read_messages
-from calib_model.bag_writer import BagWriter
-from calib_model.description import arm_yaml, gauge_yaml, parse_arm, probe_yaml
+from calib_model.bags import (
+    BagWriter,
+    FileAccount,
+    cdr,
+    read_measurement,
+    read_messages,
+    write_descriptions,
+    write_measurement,
+)
+from calib_model.descriptions import arm_yaml, gauge_yaml, parse_arm, probe_yaml
 from calib_model.errors import BagError
-from calib_model.gauge import Gauge
-from calib_model.probe import trihedron
-from calib_model.probing import Measurement, ProbingSet
-from calib_model.rotation import RigidTransform
+from calib_model.instruments import Gauge, trihedron
+from calib_model.measurement import Measurement, ProbingSet
 from calib_model.topics import (
     CAPTURE_POSES,
     DESCRIPTIONS,
@@ -29,6 +31,7 @@ from calib_model.topics import (
     PROBE_DISPLACEMENTS,
     STRING,
 )
+from calib_model.transforms import RigidTransform
 
 START = 1_700_000_000_000_000_000
 COUNT = 30
@@ -43,10 +46,13 @@ def measured() -> Measurement:
     gauge = Gauge('bar', 0.022, ((1, (0.0, 0.0, 0.0)), (6, (0.5, 0.0, 0.0))), 1e-6, 1e-6)
     readings = probe.displacements(rng.uniform(-1e-3, 1e-3, (COUNT, 3)), 0.022)
     poses = ProbingSet(
-        np.repeat([1, 2, 3], COUNT // 3), np.tile([1, 6], COUNT // 2),
-        rng.uniform(-3, 3, (COUNT, 2)), readings, START + np.arange(COUNT) * 10**7 + 3,
+        np.repeat([1, 2, 3], COUNT // 3),
+        np.tile([1, 6], COUNT // 2),
+        rng.uniform(-3, 3, (COUNT, 2)),
+        readings,
+        START + np.arange(COUNT) * 10**7 + 3,
         np.arange(COUNT) + 1,
-    )  # fmt: skip
+    )
     return Measurement(arm, probe, gauge, poses).checked()
 
 
@@ -144,9 +150,11 @@ def test_mcap_reads_the_streams_by_index(raw_bag: Path) -> None:
 
 
 def written_by_rosbags(
-    path: Path, measured: Measurement, mode: CompressionMode | None = None,
+    path: Path,
+    measured: Measurement,
+    mode: CompressionMode | None = None,
     plugin: StoragePlugin = StoragePlugin.MCAP,
-) -> Path:  # fmt: skip
+) -> Path:
     """The measurement as rosbags' own writer puts it on disk."""
     store, poses = cdr.typestore(), measured.poses
     writer = Writer(path, version=9, storage_plugin=plugin)
@@ -162,9 +170,14 @@ def written_by_rosbags(
         connection = writer.add_connection(CAPTURE_POSES.name, kind, typestore=store)
         for i in range(len(poses)):
             pose = cdr.probing_pose(
-                int(poses.stamp[i]), 'base_link', int(poses.location[i]), int(poses.sphere[i]),
-                poses.joints[i], poses.displacement[i], int(poses.readings[i]),
-            )  # fmt: skip
+                int(poses.stamp[i]),
+                'base_link',
+                int(poses.location[i]),
+                int(poses.sphere[i]),
+                poses.joints[i],
+                poses.displacement[i],
+                int(poses.readings[i]),
+            )
             writer.write(connection, int(poses.stamp[i]), store.serialize_cdr(pose, kind))
     return path
 
@@ -181,9 +194,12 @@ WRITTEN = [
 @pytest.mark.parametrize(('plugin', 'mode'), WRITTEN)
 @pytest.mark.parametrize('listed', [True, False])
 def test_bags_of_rosbags_are_read_here(
-    tmp_path: Path, measured: Measurement, mode: CompressionMode | None, plugin: StoragePlugin,
+    tmp_path: Path,
+    measured: Measurement,
+    mode: CompressionMode | None,
+    plugin: StoragePlugin,
     listed: bool,
-) -> None:  # fmt: skip
+) -> None:
     """MCAP and SQLite, compressed within, around or message by message, with and without a list."""
     path = written_by_rosbags(tmp_path / 'theirs', measured, mode, plugin)
     if not listed:
@@ -219,10 +235,14 @@ def test_a_bag_split_into_files_is_read_in_their_order(
             write_descriptions(writer, measured.arm, measured.probe, measured.gauge, START)
             for i in part:
                 pose = cdr.probing_pose(
-                    int(poses.stamp[i]), 'base_link', int(poses.location[i]),
-                    int(poses.sphere[i]), poses.joints[i], poses.displacement[i],
+                    int(poses.stamp[i]),
+                    'base_link',
+                    int(poses.location[i]),
+                    int(poses.sphere[i]),
+                    poses.joints[i],
+                    poses.displacement[i],
                     int(poses.readings[i]),
-                )  # fmt: skip
+                )
                 writer.write_message(CAPTURE_POSES, pose, int(poses.stamp[i]))
             writer.flush()
             accounts.append(writer.close())

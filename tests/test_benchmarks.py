@@ -13,17 +13,16 @@ import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
 
-from benchmarks import problems  # noqa: E402
-from benchmarks.floating import floating_centers  # noqa: E402
-from benchmarks.measuring import Part, Row, Target, table  # noqa: E402
-from benchmarks.peers import Residuals, by_scipy  # noqa: E402
-from benchmarks.reference import compare, write_problem  # noqa: E402
-from benchmarks.solving import solve  # noqa: E402
+from benchmarks import problems
+from benchmarks.floating import floating_centers
+from benchmarks.measuring import Part, Row, Target, table
+from benchmarks.peers import Residuals, by_scipy
+from benchmarks.reference import compare, write_problem
+from benchmarks.solving import solve
 
-from calib_model.freedom import identifiable_table  # noqa: E402
-from calib_solver.problem import Problem  # noqa: E402
+from calib_model.kinematics import identifiable_table
+from calib_solver.problem import Problem
 
 POSES = 280
 SPHERES = problems.LOCATIONS * len(problems.SPHERES)
@@ -89,8 +88,8 @@ def test_residuals_given_to_scipy_are_eq_11_and_so_is_their_minimum(problem: Pro
 def test_floating_centers_lower_phi_as_a_fit_of_the_centers_does(problem: Problem) -> None:
     from scipy.optimize import least_squares
 
-    from calib_solver.objectives import distance_repeatability, repeatability_weights
-    from calib_solver.sums import accumulate
+    from calib_solver.fitting import distance_repeatability, repeatability_weights
+    from calib_solver.problem import accumulate
 
     free = problems.reference_table(problem.measured)
     sums = accumulate(problem, free, free.nominal)
@@ -133,9 +132,21 @@ def test_a_missed_target_is_named() -> None:
 def test_every_part_runs_and_is_recorded(tmp_path: Path) -> None:
     output = tmp_path / 'bench.json'
     command = [
-        sys.executable, '-m', 'benchmarks.run', '--poses', '112', '--rounds', '1',
-        '--sizes', '112', '280', '--reference', str(tmp_path / 'none.cpp'), '--output', str(output),
-    ]  # fmt: skip
+        sys.executable,
+        '-m',
+        'benchmarks.run',
+        '--poses',
+        '112',
+        '--rounds',
+        '1',
+        '--sizes',
+        '112',
+        '280',
+        '--reference',
+        str(tmp_path / 'none.cpp'),
+        '--output',
+        str(output),
+    ]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=200)
     assert done.returncode == 0, done.stderr
     parts = json.loads(output.read_text(encoding='utf-8'))['parts']

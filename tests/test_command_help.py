@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
@@ -11,18 +10,16 @@ import pytest
 pytest.importorskip('rclpy', reason='no ROS 2 here')
 pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / 'tools'))
-sys.path.insert(0, str(ROOT / 'ros2_ws/src/calib_solver/test'))
-from document_interfaces import (  # noqa: E402
+from document_interfaces import (
     DOCUMENT,
     PACKAGES,
     commands,
     help_of,
     without_this_machine,
 )
-from result_schema import ADDED_TOP, DISTANCE, SOLVER, TOP, TWO_SIGMA  # noqa: E402
+from result_schema import ADDED_TOP, DISTANCE, SOLVER, TOP, TWO_SIGMA
 
-from calib_model import topics  # noqa: E402
+from calib_model import topics
 
 COMMANDS = commands()
 NAMES = [f'{package} {name}' for package, name, _ in COMMANDS]

@@ -15,16 +15,22 @@ from pathlib import Path
 
 import pytest
 
-from calib_model.bag import read_measurement
+from calib_model.bags import read_measurement
 
 ROOT = Path(__file__).resolve().parent.parent
 AUDIT = ROOT / 'tests' / 'audit'
 SEED = 4
 TIMEOUT = 180
 FILES = (
-    'result.json', 'arm.yaml', 'probe.yaml', 'arm.urdf', 'identification', 'held_out',
-    'report.html', 'figures/before_and_after.png',
-)  # fmt: skip
+    'result.json',
+    'arm.yaml',
+    'probe.yaml',
+    'arm.urdf',
+    'identification',
+    'held_out',
+    'report.html',
+    'figures/before_and_after.png',
+)
 pytestmark = pytest.mark.timeout(240)
 
 
@@ -38,9 +44,12 @@ def environment():
 
 def started(environment, *arguments):
     return subprocess.Popen(
-        ['python', '-m', 'calib_bringup.demo', *map(str, arguments)], env=environment,
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        ['python', '-m', 'calib_bringup.demo', *map(str, arguments)],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
 
 
 @pytest.fixture(scope='module')
@@ -48,9 +57,10 @@ def demo(environment, tmp_path_factory):
     """One finished demo: its folder, what it said, how long it took, who opened which files."""
     folder, opened = tmp_path_factory.mktemp('demo') / 'out', tmp_path_factory.mktemp('opened')
     audited = {
-        **environment, 'OPENED_FILES': str(opened),
+        **environment,
+        'OPENED_FILES': str(opened),
         'PYTHONPATH': f'{AUDIT}:{environment.get("PYTHONPATH", "")}',
-    }  # fmt: skip
+    }
     begin = time.monotonic()
     process = started(audited, '--seed', SEED, '--output', folder)
     said, error = process.communicate(timeout=TIMEOUT)
@@ -58,9 +68,12 @@ def demo(environment, tmp_path_factory):
     assert error == ''
     result = json.loads((folder / 'result.json').read_text())
     return {
-        'folder': folder, 'said': said, 'seconds': time.monotonic() - begin, 'result': result,
+        'folder': folder,
+        'said': said,
+        'seconds': time.monotonic() - begin,
+        'result': result,
         'opened': [path.read_text(errors='replace').splitlines() for path in opened.iterdir()],
-    }  # fmt: skip
+    }
 
 
 def columns(demo):

@@ -14,8 +14,8 @@ import pytest
 
 from calib_bringup.demo import arguments, replaceable
 from calib_bringup.variants import DEFAULT, VARIANTS
-from calib_model.bag import read_measurement
-from calib_model.command import UsageError
+from calib_model.bags import read_measurement
+from calib_model.command_line import UsageError
 
 ROOT = Path(__file__).resolve().parent.parent
 #: variant: its arm, its probe, how much smaller the held-out 2 sigma is at least
@@ -32,8 +32,12 @@ def test_a_variant_ends_with_the_table_of_its_own_arm_and_probe(name, tmp_path):
     environment = os.environ | {'OMP_NUM_THREADS': '1'}
     done = subprocess.run(
         [sys.executable, '-m', 'calib_bringup.demo', '--variant', name, '--poses', '12'],
-        cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=100,
-    )  # fmt: skip
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=100,
+    )
     assert (done.returncode, done.stderr) == (0, '')
     folder = tmp_path / 'output' / f'demo_{name}'
     assert [path.name for path in folder.parent.iterdir()] == [folder.name]
@@ -45,11 +49,13 @@ def test_a_variant_ends_with_the_table_of_its_own_arm_and_probe(name, tmp_path):
     head, *rows = done.stdout.splitlines()[-5:]
     assert ' '.join(head.split()) == 'mm initial identified held-out initial held-out identified'
     for row, (group, key) in zip(
-        rows, [('distance', 'mean'), ('distance', 'max'), ('two_sigma', 'mean'),
-               ('two_sigma', 'max')], strict=True,
-    ):  # fmt: skip
-        expected = [quality[q][group][key] * 1e3
-                    for q in ('initial', 'identified', 'test_initial', 'test')]  # fmt: skip
+        rows,
+        [('distance', 'mean'), ('distance', 'max'), ('two_sigma', 'mean'), ('two_sigma', 'max')],
+        strict=True,
+    ):
+        expected = [
+            quality[q][group][key] * 1e3 for q in ('initial', 'identified', 'test_initial', 'test')
+        ]
         assert [float(cell) for cell in row[22:].split()] == pytest.approx(expected, abs=6e-5)
     before, after = (quality[q]['two_sigma']['mean'] for q in ('test_initial', 'test'))
     assert before > 1e-4  # m: there was something to find

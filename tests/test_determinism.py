@@ -15,9 +15,12 @@ WRITTEN = ('arm.yaml', 'arm.urdf', 'probe.yaml')
 
 def run(module, *words, **environment):
     subprocess.run(
-        [sys.executable, '-m', module, *map(str, words)], check=True, capture_output=True,
-        env={**os.environ, **environment}, timeout=100,
-    )  # fmt: skip
+        [sys.executable, '-m', module, *map(str, words)],
+        check=True,
+        capture_output=True,
+        env={**os.environ, **environment},
+        timeout=100,
+    )
 
 
 def timeless(record):
@@ -26,7 +29,9 @@ def timeless(record):
 
 def identified(bag, output, *more, threads=2):
     """What `identify` wrote, without all that may differ: how long it took."""
-    run('calib_solver.identify', bag, '--output', output, *more, CALIB_THREADS=str(threads))
+    run(
+        'calib_solver.commands.identify', bag, '--output', output, *more, CALIB_THREADS=str(threads)
+    )
     record = json.loads((output / 'result.json').read_text(), object_hook=timeless)
     return record, {name: (output / name).read_bytes() for name in WRITTEN}
 
@@ -34,7 +39,7 @@ def identified(bag, output, *more, threads=2):
 @pytest.fixture(scope='module')
 def hand_guided(tmp_path_factory):
     bag = tmp_path_factory.mktemp('faro') / 'bag'
-    run('selfcenter_probe.hand_guided', bag, '--probe', 'active', '--seed', 3)
+    run('selfcenter_probe.commands.hand_guided', bag, '--probe', 'active', '--seed', 3)
     return bag
 
 

@@ -20,8 +20,7 @@ import pytest
 
 pytest.importorskip('rclpy', reason='no ROS 2 here')
 pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
-sys.path.append(str(Path(__file__).parent))
-from documented_commands import (  # noqa: E402
+from documented_commands import (
     ROOT,
     Command,
     command_blocks,
@@ -30,25 +29,29 @@ from documented_commands import (  # noqa: E402
     python_blocks,
 )
 
-from calib_bringup.domains import held_domain  # noqa: E402
+from calib_bringup.domains import held_domain
 
 #: what is not run here: why, and the test that has it
 ELSEWHERE = {
     r'ros2 launch ': ('needs a full ROS 2 install', 'test_launch_files.py'),
-    r'ros2 security |--enclave |ROS_SECURITY': ('the wheels have no plugins',
-                                                'test_security_policy.py'),
+    r'ros2 security |--enclave |ROS_SECURITY': (
+        'the wheels have no plugins',
+        'test_security_policy.py',
+    ),
     r'ros2 bag record': ('needs a full ROS 2 install', 'test_raw_bags.py'),
     r'rviz2': ('needs a full ROS 2 install and a screen', 'test_launch_files.py'),
     r'colcon build|rosdep ': ('every set-up builds', 'test_setup.py'),
     r'(python3? -m )?pip install|git clone': ('every set-up installs', 'test_setup.py'),
     r'python -m studies\.': ('takes minutes', 'test_studies.py'),
     r'dask ': ('a cluster', '../ros2_ws/src/calib_solver/test/test_cluster.py'),
-}  # fmt: skip
+}
 #: run to its end elsewhere; here make says what it would do
 DRY = {
-    'demo': 'test_demo_variants.py', 'test': 'test_setup.py', 'bench': 'test_benchmarks.py',
+    'demo': 'test_demo_variants.py',
+    'test': 'test_setup.py',
+    'bench': 'test_benchmarks.py',
     'studies': 'test_studies.py',
-}  # fmt: skip
+}
 STAYS = re.compile(
     r'ros2 run (calib_capture arm|selfcenter_probe (probe|operator)|calib_solver solver)\b'
     r'|\bserve:=true|--loop|ros2 topic (hz|echo (?!.*--once))'
@@ -64,14 +67,18 @@ pytestmark = pytest.mark.timeout(240)
 def environment() -> dict[str, str]:
     """What a shell that has sourced env.bash passes on, in a domain of this run's own."""
     listing = subprocess.run(
-        ['bash', '-c', f'source {ROOT}/env.bash && env -0'], check=True, capture_output=True,
+        ['bash', '-c', f'source {ROOT}/env.bash && env -0'],
+        check=True,
+        capture_output=True,
         text=True,
-    )  # fmt: skip
+    )
     variables = dict(entry.split('=', 1) for entry in listing.stdout.split('\0') if entry)
     return variables | {
-        'ROS_DOMAIN_ID': str(held_domain()), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        'PYTHONUNBUFFERED': '1', 'OMP_NUM_THREADS': '1',
-    }  # fmt: skip
+        'ROS_DOMAIN_ID': str(held_domain()),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'PYTHONUNBUFFERED': '1',
+        'OMP_NUM_THREADS': '1',
+    }
 
 
 @pytest.fixture(scope='module')
@@ -135,10 +142,15 @@ class Shells:
         text = re.sub(r'^make\b', 'make -n', command.text)
         with log.open('w', encoding='utf-8') as stream:
             process = subprocess.Popen(
-                ['bash', '-c', text], cwd=self._folder, env=self._environment, text=True,
-                stdin=subprocess.DEVNULL, stdout=stream, stderr=subprocess.STDOUT,
+                ['bash', '-c', text],
+                cwd=self._folder,
+                env=self._environment,
+                text=True,
+                stdin=subprocess.DEVNULL,
+                stdout=stream,
+                stderr=subprocess.STDOUT,
                 start_new_session=True,
-            )  # fmt: skip
+            )
         return process, log
 
     def _until_it_speaks(self, process: subprocess.Popen[str], log: Path) -> None:
@@ -180,8 +192,14 @@ def test_the_python_of_the_documents_works_as_written(clone, environment):
     shown = [text for document in documents() for text in python_blocks(document)]
     assert shown
     for text in shown:
-        done = subprocess.run([sys.executable, '-c', text], cwd=clone, env=environment,
-                              capture_output=True, text=True, timeout=60)  # fmt: skip
+        done = subprocess.run(
+            [sys.executable, '-c', text],
+            cwd=clone,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
         assert done.returncode == 0, done.stderr
 
 
@@ -190,14 +208,22 @@ def test_what_is_not_run_here_has_a_test_elsewhere():
     for name in [test for _, test in ELSEWHERE.values()] + list(DRY.values()):
         assert (tests / name).exists(), name
     made = {
-        word for document in documents() for block in command_blocks(document) for command in block
-        if command.text.startswith('make ') for word in command.text.split()[1:2]
-    }  # fmt: skip
+        word
+        for document in documents()
+        for block in command_blocks(document)
+        for command in block
+        if command.text.startswith('make ')
+        for word in command.text.split()[1:2]
+    }
     assert made - {'soak'} <= set(DRY)
 
 
 def test_commands_are_found_in_readme_and_docs():
-    found = [command.text for document in documents() for block in command_blocks(document)
-             for command in block]  # fmt: skip
+    found = [
+        command.text
+        for document in documents()
+        for block in command_blocks(document)
+        for command in block
+    ]
     assert {'make demo', 'make test'} <= set(found)
     assert sum(not elsewhere(Command(text, '')) for text in found) > 20

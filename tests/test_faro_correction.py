@@ -9,15 +9,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from calib_model.probing import Measurement
-from calib_solver.identification import Options, identify
+from calib_model.measurement import Measurement
+from calib_solver.fitting import Options
+from calib_solver.identification import identify
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
-from selfcenter_probe.hand_motion import MotionSettings, guided
-from selfcenter_probe.hand_reading import HandGuided, probing_set
-from selfcenter_probe.hand_scene import read_scene
-from selfcenter_probe.joint_errors import Encoders
-from selfcenter_probe.world import World
+from selfcenter_probe.operator import HandGuided, MotionSettings, guided, probing_set, read_scene
+from selfcenter_probe.simulation import Encoders, World
 
 POSES, SEED = 20, 3
 PLACES = {'used': ((1, 2, 3, 4, 5, 6, 7), (1, 6, 10, 14)), 'never': ((8,), (2, 5, 9, 13))}
@@ -32,11 +30,13 @@ def scene_and_motions():
     world = scene.world(SEED)
     motions = {
         name: guided(
-            world, {number: scene.placements[number] for number in numbers}, spheres,
+            world,
+            {number: scene.placements[number] for number in numbers},
+            spheres,
             MotionSettings(POSES, seed=SEED),
         )
         for name, (numbers, spheres) in PLACES.items()
-    }  # fmt: skip
+    }
     return scene, world, motions
 
 

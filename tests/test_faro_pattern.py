@@ -6,17 +6,15 @@ The study `pattern` shows them on twenty, with as many poses as the chapter has.
 
 from __future__ import annotations
 
-import sys
 from functools import cache
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
 
-from studies import pattern, table_1  # noqa: E402
-from studies.running import RESULTS, written  # noqa: E402
+from studies import pattern, table_1
+from studies.running import RESULTS, written
 
 POSES = 60  # per sphere: enough for the pattern, the digits take the chapter's 385
 SEEDS = (1, 2)

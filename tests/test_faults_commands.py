@@ -24,41 +24,80 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from disordered_streams import DISORDERS, disordered
+from hypothesis import given, strategies as st
+from mutations import ROUNDS, outcomes
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
-from disordered_streams import DISORDERS, disordered  # noqa: E402
-from mutations import ROUNDS, outcomes  # noqa: E402
-
-from calib_bringup.domains import held_domain  # noqa: E402
-from calib_capture.moving import MovingPairing, MovingSettings  # noqa: E402
-from calib_model.bag import read_measurement, write_descriptions, write_measurement  # noqa: E402
-from calib_model.bag_writer import BagWriter  # noqa: E402
-from calib_model.description import arm_yaml, gauge_yaml, parse_arm, probe_yaml  # noqa: E402
-from calib_model.errors import CalibrationError  # noqa: E402
-from calib_model.pairing import (  # noqa: E402
+from calib_bringup.domains import held_domain
+from calib_model.bags import (
+    BagWriter,
+    read_measurement,
+    write_descriptions,
+    write_measurement,
+)
+from calib_model.descriptions import arm_yaml, gauge_yaml, parse_arm, probe_yaml
+from calib_model.errors import CalibrationError
+from calib_model.measurement import Measurement, ProbingSet
+from calib_model.pairing import (
     JointSample,
+    MovingPairing,
+    MovingSettings,
     Pairing,
     Reading,
     SteadyPose,
     SteadySettings,
 )
-from calib_model.probing import Measurement, ProbingSet  # noqa: E402
-from calib_model.urdf import arm_urdf  # noqa: E402
+from calib_model.urdf import arm_urdf
 
 pytestmark = pytest.mark.timeout(120 * ROUNDS)
 ROOT = Path(__file__).resolve().parents[1]
 RECORDED = ROOT / 'bags' / 'demo' / 'held_out'
 CONFIG = ROOT / 'ros2_ws' / 'src' / 'calib_bringup' / 'config'
 VALUES = (
-    'nan', 'inf', '-inf', '-1', '0', '1e308', '1e400', '-1e-320', '9' * 30, '', 'é\u2028', 'x',
-    '1.5', '2147483648', '18446744073709551616', '1e9', '0x10', '1_000', '\udcff', ' ', '--', '-',
-    'None', '[', '*', '..', '/', '/dev/null', '/dev/zero', '/proc/self/mem', 'y' * 5000, '1,2,3',
-)  # fmt: skip
-RAW = ('settle', 'dwell', 'max-speed', 'max-spread', 'joints', 'spheres', 'motion',
-       'joint-states', 'displacements')  # fmt: skip
+    'nan',
+    'inf',
+    '-inf',
+    '-1',
+    '0',
+    '1e308',
+    '1e400',
+    '-1e-320',
+    '9' * 30,
+    '',
+    'é\u2028',
+    'x',
+    '1.5',
+    '2147483648',
+    '18446744073709551616',
+    '1e9',
+    '0x10',
+    '1_000',
+    '\udcff',
+    ' ',
+    '--',
+    '-',
+    'None',
+    '[',
+    '*',
+    '..',
+    '/',
+    '/dev/null',
+    '/dev/zero',
+    '/proc/self/mem',
+    'y' * 5000,
+    '1,2,3',
+)
+RAW = (
+    'settle',
+    'dwell',
+    'max-speed',
+    'max-spread',
+    'joints',
+    'spheres',
+    'motion',
+    'joint-states',
+    'displacements',
+)
 GIVEN = ('arm', 'probe', 'gauge')
 ALL_GIVEN = ('--arm', 'arm.yaml', '--probe', 'probe.yaml', '--gauge', 'gauge.yaml')
 ONE_POSE = ('--locations', '1', '--spheres', '1', '--poses', '2')
@@ -76,36 +115,81 @@ class Command:
 
 
 COMMANDS = {
-    'identify': Command('calib_solver.identify', ('bag',), (
-        'output', 'objective', 'test', *GIVEN, 'urdf', 'fix', 'free', 'prior', 'loss',
-        'joint-errors', 'links', 'correction', 'seed', 'figures',
-    )),
-    'identify raw': Command('calib_solver.identify', ('raw', '--raw'), RAW, 8),
-    'evaluate': Command('calib_solver.evaluate', ('bag',), (*GIVEN, 'correction', *RAW)),
-    'compensate': Command('calib_solver.compensate', ('result', 'targets.csv', 'OUT'), ('tool',)),
-    'kuka_figures': Command('calib_solver.kuka_figures', ('result',), ('arm',)),
-    'arm_from_urdf': Command(
-        'calib_model.arm_from_urdf', ('arm.urdf', 'OUT'), ('base', 'flange', 'name')
+    'identify': Command(
+        'calib_solver.commands.identify',
+        ('bag',),
+        (
+            'output',
+            'objective',
+            'test',
+            *GIVEN,
+            'urdf',
+            'fix',
+            'free',
+            'prior',
+            'loss',
+            'joint-errors',
+            'links',
+            'correction',
+            'seed',
+            'figures',
+        ),
     ),
-    'pair': Command('calib_capture.pair', ('raw', 'OUT'), (
-        'placements', 'mode', 'settle', 'dwell', 'max-speed', 'max-spread', 'max-gap', 'lateness',
-    )),
+    'identify raw': Command('calib_solver.commands.identify', ('raw', '--raw'), RAW, 8),
+    'evaluate': Command('calib_solver.commands.evaluate', ('bag',), (*GIVEN, 'correction', *RAW)),
+    'compensate': Command(
+        'calib_solver.commands.compensate', ('result', 'targets.csv', 'OUT'), ('tool',)
+    ),
+    'kuka_figures': Command('calib_solver.commands.kuka_figures', ('result',), ('arm',)),
+    'arm_from_urdf': Command(
+        'calib_model.commands.arm_from_urdf', ('arm.urdf', 'OUT'), ('base', 'flange', 'name')
+    ),
+    'pair': Command(
+        'calib_capture.commands.pair',
+        ('raw', 'OUT'),
+        (
+            'placements',
+            'mode',
+            'settle',
+            'dwell',
+            'max-speed',
+            'max-spread',
+            'max-gap',
+            'lateness',
+        ),
+    ),
     'pair led': Command(
-        'calib_capture.pair',
+        'calib_capture.commands.pair',
         ('raw', 'OUT', '--mode', 'continuous', '--placements', 'placements.yaml'),
-        ('spacing', 'seated', 'max-gap', 'lateness'), 8,
+        ('spacing', 'seated', 'max-gap', 'lateness'),
+        8,
     ),
     'plan': Command(
-        'calib_capture.plan', (*ONE_POSE, '--pool', '1', '--approach', '0'),
+        'calib_capture.commands.plan',
+        (*ONE_POSE, '--pool', '1', '--approach', '0'),
         (*GIVEN, 'placements', 'poses', 'pool', 'cap', 'approach', 'bodies', 'seed'),
     ),
-    'import_csv': Command('calib_capture.import_csv', ('table.csv', 'OUT', *ALL_GIVEN), GIVEN),
-    'recover': Command('calib_capture.recover', ('bag', 'OUT'), codes=(0, 3)),
-    'hand_guided': Command('selfcenter_probe.hand_guided', ('OUT', *ONE_POSE), (
-        'probe', 'locations', 'spheres', 'speed', 'seed', 'arm', 'gauge', 'placements', 'world',
-    )),
+    'import_csv': Command(
+        'calib_capture.commands.import_csv', ('table.csv', 'OUT', *ALL_GIVEN), GIVEN
+    ),
+    'recover': Command('calib_capture.commands.recover', ('bag', 'OUT'), codes=(0, 3)),
+    'hand_guided': Command(
+        'selfcenter_probe.commands.hand_guided',
+        ('OUT', *ONE_POSE),
+        (
+            'probe',
+            'locations',
+            'spheres',
+            'speed',
+            'seed',
+            'arm',
+            'gauge',
+            'placements',
+            'world',
+        ),
+    ),
     'demo': Command('calib_bringup.demo', ('--poses', '1'), ('variant', 'output', 'seed')),
-}  # fmt: skip
+}
 
 
 @pytest.fixture(scope='module')
@@ -121,14 +205,18 @@ def files(measured: Measurement, tmp_path_factory: pytest.TempPathFactory) -> Pa
     write_measurement(folder / 'bag', measured)
     shutil.copytree(RECORDED, folder / 'raw')
     for name, text in (
-        ('arm.yaml', arm_yaml(measured.arm)), ('probe.yaml', probe_yaml(measured.probe)),
-        ('gauge.yaml', gauge_yaml(measured.gauge)), ('arm.urdf', arm_urdf(measured.arm)),
-        ('targets.csv', 'x,y,z\n0.3,0.1,0.4\n'), ('empty.yaml', ''), ('list.yaml', '- 1\n'),
+        ('arm.yaml', arm_yaml(measured.arm)),
+        ('probe.yaml', probe_yaml(measured.probe)),
+        ('gauge.yaml', gauge_yaml(measured.gauge)),
+        ('arm.urdf', arm_urdf(measured.arm)),
+        ('targets.csv', 'x,y,z\n0.3,0.1,0.4\n'),
+        ('empty.yaml', ''),
+        ('list.yaml', '- 1\n'),
         ('placements.yaml', (CONFIG / 'locations' / 'kr5.yaml').read_text()),
         ('links.yaml', (CONFIG / 'links' / 'kuka_kr5_sixx_r650.yaml').read_text()),
         ('bodies.yaml', (CONFIG / 'bodies' / 'kr5.yaml').read_text()),
         ('table.csv', table(measured)),
-    ):  # fmt: skip
+    ):
         (folder / name).write_text(text)
     odd_bags(folder, measured)
     assert said('identify', folder, 'bag', '--output', 'result')[0] == 0
@@ -205,9 +293,11 @@ def test_an_option_of_any_value_is_refused_or_taken(name: str, files: Path, tmp_
             value = str(tmp_path / 'results') if value.isprintable() else value
         how = rng.choice(('joined', 'joined', 'apart', 'none', 'twice'))
         words += {
-            'joined': [f'--{option}={value}'], 'apart': [f'--{option}', value],
-            'none': [f'--{option}'], 'twice': [f'--{option}={value}'] * 2,
-        }[how]  # fmt: skip
+            'joined': [f'--{option}={value}'],
+            'apart': [f'--{option}', value],
+            'none': [f'--{option}'],
+            'twice': [f'--{option}={value}'] * 2,
+        }[how]
         called(name, files, words, tmp_path / 'out')
 
     assert outcomes(f'{name} options', command.cases, call)[1]
@@ -218,8 +308,12 @@ def test_any_file_in_any_place_is_refused_or_taken(name: str, files: Path, tmp_p
     command = COMMANDS[name]
     there = sorted(path.name for path in files.iterdir())
     places = [i for i, word in enumerate(command.words) if word in there]
-    paths = [each for each in command.options if each in ('test', 'urdf', 'links', 'prior',
-             'correction', 'bodies', 'placements', 'world', *GIVEN)]  # fmt: skip
+    paths = [
+        each
+        for each in command.options
+        if each
+        in ('test', 'urdf', 'links', 'prior', 'correction', 'bodies', 'placements', 'world', *GIVEN)
+    ]
 
     def call(rng: random.Random) -> None:
         words = list(command.words)
@@ -235,10 +329,12 @@ def test_any_file_in_any_place_is_refused_or_taken(name: str, files: Path, tmp_p
 def test_streams_in_any_disorder_are_refused_or_paired(files: Path, tmp_path: Path) -> None:
     led = list(COMMANDS['pair led'].words[2:])
     ways: tuple[tuple[str, list[str]], ...] = (
-        ('pair', ['OUT']), ('pair', ['OUT', '--placements', 'placements.yaml']),
+        ('pair', ['OUT']),
+        ('pair', ['OUT', '--placements', 'placements.yaml']),
         ('pair led', ['OUT', *led, '--spacing', '0.001', '--seated', '0', '--correct-clock']),
-        ('identify', ['--raw']), ('evaluate', ['--raw', '--motion', 'led']),
-    )  # fmt: skip
+        ('identify', ['--raw']),
+        ('evaluate', ['--raw', '--motion', 'led']),
+    )
     numbers = iter(range(10_000_000))
 
     def call(rng: random.Random) -> None:
@@ -265,23 +361,29 @@ def test_streams_in_any_disorder_are_played(
         bag = tmp_path / f'bag_{next(numbers)}'
         disordered(RECORDED, bag, rng, ['odd numbers', 'more joints', 'shuffled'])
         words = [str(bag), '--rate', '1e9', '--wait', '0', '--clock']
-        called('calib_capture.replay_node', files, words, tmp_path / 'out')
+        called('calib_capture.nodes.replay_node', files, words, tmp_path / 'out')
 
     assert sum(outcomes('replay', 2, call))
 
 
 STAMPS = st.one_of(
-    st.integers(0, 40).map(lambda tick: 10_000_000 * tick), st.sampled_from((0, 1, 2**62)),
+    st.integers(0, 40).map(lambda tick: 10_000_000 * tick),
+    st.sampled_from((0, 1, 2**62)),
     st.integers(-(2**62), 2**62),
-)  # fmt: skip
+)
 NUMBERS = st.one_of(st.sampled_from((0.0, 1e-3, 2e-3)), st.floats())
-MESSAGES = st.lists(st.one_of(
-    st.builds(lambda stamp, q: JointSample(stamp, np.array([q, 0.0])), STAMPS, NUMBERS),
-    st.builds(
-        lambda stamp, s, status: Reading(stamp, np.array([s, 0.0, 0.0]), (status, 0, 0)),
-        STAMPS, NUMBERS, st.sampled_from((0, 0, 0, 1, 9)),
+MESSAGES = st.lists(
+    st.one_of(
+        st.builds(lambda stamp, q: JointSample(stamp, np.array([q, 0.0])), STAMPS, NUMBERS),
+        st.builds(
+            lambda stamp, s, status: Reading(stamp, np.array([s, 0.0, 0.0]), (status, 0, 0)),
+            STAMPS,
+            NUMBERS,
+            st.sampled_from((0, 0, 0, 1, 9)),
+        ),
     ),
-), max_size=60)  # fmt: skip
+    max_size=60,
+)
 
 
 @given(MESSAGES, st.sampled_from((0.0, 0.02, 60.0)))
@@ -367,10 +469,13 @@ def run(environment: dict[str, str], *words: str, **keywords: Any) -> tuple[int,
     most = 2 << 30
     done = subprocess.run(
         [shutil.which('ros2', path=environment['PATH']) or 'ros2', 'run', *words],
-        env=environment, timeout=60, check=False, stderr=subprocess.PIPE,
+        env=environment,
+        timeout=60,
+        check=False,
+        stderr=subprocess.PIPE,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (most, most)),
         **{'stdout': subprocess.PIPE, **keywords},
-    )  # fmt: skip
+    )
     return done.returncode, done.stdout, done.stderr
 
 
@@ -396,6 +501,7 @@ def test_a_full_disk_behind_the_output_or_none_at_all_is_borne(
     with open('/dev/full', 'wb') as full:
         code, _, err = run(environment, *words, stdout=full)
     assert (code, err) == (2, b'output: No space left on device\n')
-    code, _, err = run({**environment, 'CALIB_THREADS': 'all'}, 'calib_solver', 'identify',
-                       str(files / 'bag'))  # fmt: skip
+    code, _, err = run(
+        {**environment, 'CALIB_THREADS': 'all'}, 'calib_solver', 'identify', str(files / 'bag')
+    )
     assert (code, err.count(b'\n')) == (2, 1) and b'CALIB_THREADS' in err

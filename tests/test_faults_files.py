@@ -7,7 +7,6 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -18,16 +17,18 @@ import pytest
 import zstandard
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-import damaged_bags  # noqa: E402
+import damaged_bags
 
-from calib_model.bag import read_measurement, write_measurement  # noqa: E402
-from calib_model.bag_reader import read_messages  # noqa: E402
-from calib_model.bag_recovery import repair  # noqa: E402
-from calib_model.bag_writer import BagWriter  # noqa: E402
-from calib_model.probing import Measurement  # noqa: E402
-from calib_model.topics import CAPTURE_POSES  # noqa: E402
+from calib_model.bags import (
+    BagWriter,
+    read_measurement,
+    read_messages,
+    repair,
+    write_measurement,
+)
+from calib_model.measurement import Measurement
+from calib_model.topics import CAPTURE_POSES
 
 DEMO = ROOT / 'bags' / 'demo' / 'held_out'
 RESULTS = ('arm.yaml', 'probe.yaml', 'arm.urdf', 'report.html', 'result.json')
@@ -72,8 +73,11 @@ def ros2(environment: dict[str, str], tmp_path: Path) -> Callable[..., Done]:
         outputs = [(tmp_path / name).open('w+') for name in ('.stdout', '.stderr')]
         process = subprocess.Popen(
             [shutil.which('ros2', path=environment['PATH']), 'run', *map(str, words)],
-            env=environment, stdin=subprocess.DEVNULL, stdout=outputs[0], stderr=outputs[1],
-        )  # fmt: skip
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=outputs[0],
+            stderr=outputs[1],
+        )
         end = time.monotonic() + TIMEOUT
         while (found := os.wait4(process.pid, os.WNOHANG))[0] == 0:
             if time.monotonic() > end:
@@ -107,9 +111,11 @@ def small_disk(tmp_path: Path) -> Iterator[Callable[[int], Path]]:
         disk = tmp_path / f'disk{len(disks)}'
         disk.mkdir()
         done = subprocess.run(
-            ['mount', '-t', 'tmpfs', '-o', f'size={size}k', 'tmpfs', disk], capture_output=True,
-            text=True, check=False,
-        )  # fmt: skip
+            ['mount', '-t', 'tmpfs', '-o', f'size={size}k', 'tmpfs', disk],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         if done.returncode:
             pytest.skip(f'no disk can be mounted here: {done.stderr.strip()}')
         disks.append(disk)
@@ -132,8 +138,9 @@ def fill(disk: Path, leave: int) -> None:
 def contents(folder: Path) -> dict[str, bytes]:
     return {
         str(path.relative_to(folder)): path.read_bytes()
-        for path in sorted(folder.rglob('*')) if path.is_file() and path.name != 'filler'
-    }  # fmt: skip
+        for path in sorted(folder.rglob('*'))
+        if path.is_file() and path.name != 'filler'
+    }
 
 
 # Full disks
@@ -160,11 +167,21 @@ FULL = {
         ('calib_solver', 'identify', DEMO, '--output', '{disk}/new/results'),
     ),
     'recover': (('calib_capture', 'recover', DEMO, '{disk}/new_bag'),),
-    'import_csv': ((
-        'calib_capture', 'import_csv', '{table}', '{disk}/new_bag', '--arm', '{arm}', '--probe',
-        '{probe}', '--gauge', '{gauge}',
-    ),),
-}  # fmt: skip
+    'import_csv': (
+        (
+            'calib_capture',
+            'import_csv',
+            '{table}',
+            '{disk}/new_bag',
+            '--arm',
+            '{arm}',
+            '--probe',
+            '{probe}',
+            '--gauge',
+            '{gauge}',
+        ),
+    ),
+}
 
 
 @pytest.mark.parametrize('command', FULL)
@@ -175,11 +192,12 @@ def test_a_full_disk_is_one_line_and_nothing_is_begun(
     fill(disk, 4096)
     config = ROOT / 'ros2_ws' / 'src' / 'calib_bringup' / 'config'
     names = {
-        'disk': disk, 'table': tmp_path / 'table.csv',
+        'disk': disk,
+        'table': tmp_path / 'table.csv',
         'arm': config / 'arms' / 'kuka_kr5_sixx_r650.yaml',
         'probe': config / 'probes' / 'active_trihedron.yaml',
         'gauge': config / 'gauges' / 'ball_bar_kr5.yaml',
-    }  # fmt: skip
+    }
     rows = [f'1,{1 + i % 15},{",".join(["0.1"] * 6)},0,0,0' for i in range(2000)]
     header = 'location,sphere,q1,q2,q3,q4,q5,q6,s1,s2,s3'
     names['table'].write_text('\n'.join([header, *rows]))
@@ -207,12 +225,17 @@ def test_a_disk_that_fills_during_a_capture_costs_no_pose_that_was_told_of(
             log = tmp_path / f'{name}.log'
             return children.start(Child(name, module, ['--ros-args', *given], env, log))
 
-        start('arm', 'calib_capture.arm_node', time_scale=0.0)
-        start('probe', 'selfcenter_probe.probe_node', seed=3)
+        start('arm', 'calib_capture.nodes.arm_node', time_scale=0.0)
+        start('probe', 'selfcenter_probe.nodes.probe_node', seed=3)
         capture = start(
-            'capture', 'calib_capture.capture_node', output=disk / 'bag', locations='[1, 2, 3]',
-            spheres='[1, 6, 10, 14]', poses_per_sphere=60, pool=1,
-        )  # fmt: skip
+            'capture',
+            'calib_capture.nodes.capture_node',
+            output=disk / 'bag',
+            locations='[1, 2, 3]',
+            spheres='[1, 6, 10, 14]',
+            poses_per_sphere=60,
+            pool=1,
+        )
         assert capture.process.wait(60) == 2
     said = (tmp_path / 'capture.log').read_text().strip().splitlines()
     assert 'Traceback' not in '\n'.join(said)
@@ -262,7 +285,9 @@ def test_a_folder_that_cannot_be_written_is_named(
 PATHS = {
     'an output that is a file': ('identify', '{taken}', 'results cannot be written: File exists'),
     'a parent that is a file': (
-        'identify', '{taken}/a', 'results cannot be written: Not a directory'
+        'identify',
+        '{taken}/a',
+        'results cannot be written: Not a directory',
     ),
     'a link into itself': ('identify', '{loop}', 'results cannot be written: '),
     'a name no file can have': ('identify', '{taken}' + 'a' * 300, 'File name too long'),
@@ -407,10 +432,10 @@ def bad_inputs(folder: Path) -> dict[str, tuple[object, ...]]:
     (folder / 'twice.yaml').write_text('name: a\nname: b\njoints: []\n')
     (folder / 'huge.yaml').write_text('name: ' + 'x' * 30_000_000)
     (folder / 'laughs.urdf').write_text(
-        '<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa">' + ''.join(
-            f'<!ENTITY {chr(98 + i)} "{f"&{chr(97 + i)};" * 10}">' for i in range(9)
-        ) + ']><robot name="&j;"/>'
-    )  # fmt: skip
+        '<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa">'
+        + ''.join(f'<!ENTITY {chr(98 + i)} "{f"&{chr(97 + i)};" * 10}">' for i in range(9))
+        + ']><robot name="&j;"/>'
+    )
     (folder / 'huge.csv').write_text('location,sphere\n' + '"' + 'x' * 30_000_000)
     q = np.array(measured.poses.joints)
     q[7, 3] = np.nan
@@ -419,26 +444,45 @@ def bad_inputs(folder: Path) -> dict[str, tuple[object, ...]]:
     bombs = damaged_bags.BOMBS
     config = ROOT / 'ros2_ws' / 'src' / 'calib_bringup' / 'config'
     described = (
-        '--arm', config / 'arms' / 'kuka_kr5_sixx_r650.yaml',
-        '--probe', config / 'probes' / 'active_trihedron.yaml',
-        '--gauge', config / 'gauges' / 'ball_bar_kr5.yaml',
-    )  # fmt: skip
+        '--arm',
+        config / 'arms' / 'kuka_kr5_sixx_r650.yaml',
+        '--probe',
+        config / 'probes' / 'active_trihedron.yaml',
+        '--gauge',
+        config / 'gauges' / 'ball_bar_kr5.yaml',
+    )
     return {
-        'aliases are not supported': ('calib_solver', 'identify', DEMO, '--arm',
-                                      folder / 'laughs.yaml'),
+        'aliases are not supported': (
+            'calib_solver',
+            'identify',
+            DEMO,
+            '--arm',
+            folder / 'laughs.yaml',
+        ),
         'not a text file': ('calib_solver', 'evaluate', DEMO, '--arm', folder / 'latin.yaml'),
         'not valid YAML': ('calib_solver', 'evaluate', DEMO, '--gauge', folder / 'tabs.yaml'),
         'is there twice': ('calib_solver', 'evaluate', DEMO, '--arm', folder / 'twice.yaml'),
         'larger than': ('calib_solver', 'evaluate', DEMO, '--probe', folder / 'huge.yaml'),
         'has a DOCTYPE': ('calib_model', 'arm_from_urdf', folder / 'laughs.urdf', folder / 'out'),
-        'no column': ('calib_capture', 'import_csv', folder / 'huge.csv', folder / 'out',
-                      *described),
+        'no column': (
+            'calib_capture',
+            'import_csv',
+            folder / 'huge.csv',
+            folder / 'out',
+            *described,
+        ),
         'has a joint that is not finite': ('calib_solver', 'identify', folder / 'nan_bag'),
-        'more than is taken': ('calib_solver', 'identify', bombs[
-            'poses of a million joints'](measured, folder)),
-        '4294967296 bytes': ('calib_solver', 'identify', bombs[
-            'a zstd chunk of four gigabytes'](measured, folder)),
-    }  # fmt: skip
+        'more than is taken': (
+            'calib_solver',
+            'identify',
+            bombs['poses of a million joints'](measured, folder),
+        ),
+        '4294967296 bytes': (
+            'calib_solver',
+            'identify',
+            bombs['a zstd chunk of four gigabytes'](measured, folder),
+        ),
+    }
 
 
 def test_bad_input_of_any_kind_is_one_line_and_little_memory(

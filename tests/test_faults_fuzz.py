@@ -8,49 +8,52 @@ from __future__ import annotations
 
 import json
 import random
-import sys
 from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
 
+import damaged_bags
 import numpy as np
 import pytest
+from mutations import ROUNDS, changed_bytes, changed_yaml, dice, outcomes, refused_once
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
-import damaged_bags  # noqa: E402
-from mutations import ROUNDS, changed_bytes, changed_yaml, dice, outcomes, refused_once  # noqa: E402
-
-from calib_capture.playback import read_playback  # noqa: E402
-from calib_capture.pose_table import read_table  # noqa: E402
-from calib_model.arm_from_urdf import arm_from_urdf  # noqa: E402
-from calib_model.bag import read_measurement  # noqa: E402
-from calib_model.bag_reader import read_messages  # noqa: E402
-from calib_model.bag_recovery import recover, repair  # noqa: E402
-from calib_model.correction import parse_correction  # noqa: E402
-from calib_model.description import (  # noqa: E402
+from calib_capture.commands.pose_table import read_table
+from calib_capture.replaying import read_playback
+from calib_model.bags import (
+    read_measurement,
+    read_messages,
+    recover,
+    repair,
+)
+from calib_model.descriptions import (
     arm_yaml,
     gauge_yaml,
     parse_arm,
+    parse_correction,
     parse_gauge,
+    parse_links,
+    parse_placements,
     parse_probe,
     probe_yaml,
 )
-from calib_model.errors import BagError, CalibrationError, DescriptionError  # noqa: E402
-from calib_model.gravity import parse_links  # noqa: E402
-from calib_model.kinematics import forward  # noqa: E402
-from calib_model.placement import parse_placements  # noqa: E402
-from calib_model.probing import Measurement  # noqa: E402
-from calib_model.urdf import arm_urdf  # noqa: E402
-from calib_model.urdf_origins import with_origins  # noqa: E402
-from calib_solver.identification import identify  # noqa: E402
-from calib_solver.loading import Sources, load  # noqa: E402
-from calib_solver.prior import parse_prior  # noqa: E402
-from calib_solver.problem import Problem  # noqa: E402
-from calib_solver.quality import assess  # noqa: E402
-from calib_solver.quality_record import quality_record  # noqa: E402
-from calib_solver.result import result_record  # noqa: E402
-from calib_solver.target_table import read_targets  # noqa: E402
+from calib_model.errors import BagError, CalibrationError, DescriptionError
+from calib_model.kinematics import forward_kinematics
+from calib_model.measurement import Measurement
+from calib_model.urdf import (
+    arm_from_urdf,
+    arm_urdf,
+    with_origins,
+)
+from calib_solver.calibration import Sources, load
+from calib_solver.compensation import read_targets
+from calib_solver.fitting import parse_prior
+from calib_solver.identification import identify
+from calib_solver.problem import Problem
+from calib_solver.quality import assess
+from calib_solver.results import (
+    quality_record,
+    result_record,
+)
 
 pytestmark = pytest.mark.timeout(120 * ROUNDS)
 CONFIG = Path(__file__).parents[1] / 'ros2_ws' / 'src' / 'calib_bringup' / 'config'
@@ -80,8 +83,11 @@ def numbers_only(found: Measurement, rng: random.Random) -> None:
         json.dumps(result_record(identify(found)), allow_nan=False)
 
 
-DESCRIPTIONS = {'arm': (parse_arm, arm_yaml), 'probe': (parse_probe, probe_yaml),
-                'gauge': (parse_gauge, gauge_yaml)}  # fmt: skip
+DESCRIPTIONS = {
+    'arm': (parse_arm, arm_yaml),
+    'probe': (parse_probe, probe_yaml),
+    'gauge': (parse_gauge, gauge_yaml),
+}
 
 
 @pytest.mark.parametrize('name', DESCRIPTIONS)
@@ -117,10 +123,12 @@ def test_other_yaml_is_refused_or_read(name: str) -> None:
 
 
 BOMBS = {
-    'aliases that unfold': 'a: &a [x, x]\n' + ''.join(
+    'aliases that unfold': 'a: &a [x, x]\n'
+    + ''.join(
         f'b{i}: &b{i} [{", ".join([f"*b{i - 1}"] * 9 if i else ["*a"] * 9)}]\n' for i in range(12)
     ),
-    'merges that unfold': 'a: &a {k: 1}\n' + ''.join(
+    'merges that unfold': 'a: &a {k: 1}\n'
+    + ''.join(
         f'b{i}: &b{i} {{<<: [{", ".join([f"*b{i - 1}"] * 9 if i else ["*a"] * 9)}]}}\n'
         for i in range(12)
     ),
@@ -135,9 +143,9 @@ BOMBS = {
     'tabs': 'name:\tx\n\tjoints:\t[]',
     'a zero byte': 'name: \x00',
     'joints without end': 'name: x\njoints:\n' + '- {name: j, a: 1, alpha: 1, d: 1}\n' * 5000,
-    'spheres without end':
-        'name: x\nsphere_diameter: 0.02\nspheres:\n' + '- {number: 1}\n' * 12_000,
-}  # fmt: skip
+    'spheres without end': 'name: x\nsphere_diameter: 0.02\nspheres:\n'
+    + '- {number: 1}\n' * 12_000,
+}
 
 
 @pytest.mark.parametrize('bomb', BOMBS)
@@ -306,19 +314,19 @@ def test_a_table_of_any_content_is_refused_or_read(tmp_path: Path) -> None:
 
 
 URDF = {
-    'entities that unfold': '<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa">' + ''.join(
-        f'<!ENTITY {chr(98 + i)} "{f"&{chr(97 + i)};" * 10}">' for i in range(10)
-    ) + ']><robot name="&k;"/>',
-    'another file as an entity':
-        '<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd">]><robot name="&x;"/>',
+    'entities that unfold': '<!DOCTYPE r [<!ENTITY a "aaaaaaaaaa">'
+    + ''.join(f'<!ENTITY {chr(98 + i)} "{f"&{chr(97 + i)};" * 10}">' for i in range(10))
+    + ']><robot name="&k;"/>',
+    'another file as an entity': '<!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/passwd">]>'
+    '<robot name="&x;"/>',
     'elements in elements': '<robot name="r">' + '<link name="a">' * 100_000,
     'joints in a circle': '<robot name="r"><link name="a"/><link name="b"/>'
-        '<joint name="1" type="revolute"><parent link="a"/><child link="b"/></joint>'
-        '<joint name="2" type="revolute"><parent link="b"/><child link="a"/></joint></robot>',
+    '<joint name="1" type="revolute"><parent link="a"/><child link="b"/></joint>'
+    '<joint name="2" type="revolute"><parent link="b"/><child link="a"/></joint></robot>',
     'numbers that are none': '<robot name="r"><link name="a"/><link name="b"/>'
-        '<joint name="1" type="revolute"><origin xyz="nan inf x"/><parent link="a"/>'
-        '<child link="b"/></joint></robot>',
-}  # fmt: skip
+    '<joint name="1" type="revolute"><origin xyz="nan inf x"/><parent link="a"/>'
+    '<child link="b"/></joint></robot>',
+}
 
 
 @pytest.mark.parametrize('fault', URDF)
@@ -334,7 +342,7 @@ def test_a_urdf_of_any_content_is_refused_or_read_exactly() -> None:
     def read(rng: random.Random) -> None:
         text = changed_bytes(whole, rng)
         arm = arm_from_urdf(text, source='my.urdf')
-        assert np.isfinite(forward(arm, np.zeros((1, arm.n)))).all()
+        assert np.isfinite(forward_kinematics(arm, np.zeros((1, arm.n)))).all()
         with_origins(text, {arm.joint_names[0]: np.eye(4)}, 'my.urdf')
 
     well, refused = outcomes('urdf', 120, read)

@@ -6,22 +6,19 @@ and the gauge are as described, so what is right is known."""
 from __future__ import annotations
 
 import signal
-import sys
 import time
-from pathlib import Path
 
 import pytest
 
 rclpy = pytest.importorskip('rclpy', reason='no ROS 2 here')
 pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-import process_graph  # noqa: E402
-from process_graph import ARM, CAPTURE, CONFIG, OPERATOR, PROBE  # noqa: E402
-from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
-from sensor_msgs.msg import JointState  # noqa: E402
-from std_msgs.msg import String  # noqa: E402
+import process_graph
+from process_graph import ARM, CAPTURE, CONFIG, OPERATOR, PROBE
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
-from calib_model.bag_reader import read_messages  # noqa: E402
+from calib_model.bags import read_messages
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 pytestmark = pytest.mark.timeout(120)
@@ -39,9 +36,11 @@ def gripper(peer):
 
 @pytest.mark.parametrize(
     ('second', 'topic', 'named'),
-    [('arm', '/joint_states', '/arm, /arm, /gripper'),
-     ('probe', '/probe/displacements', '/probe, /probe')],
-)  # fmt: skip
+    [
+        ('arm', '/joint_states', '/arm, /arm, /gripper'),
+        ('probe', '/probe/displacements', '/probe, /probe'),
+    ],
+)
 def test_a_second_source_ends_the_capture_and_a_gripper_does_not(
     graph, gripper, second, topic, named
 ):
@@ -117,10 +116,14 @@ def test_a_probe_that_stays_away_ends_it_with_a_line_and_it_is_gone_on_with_late
 
 CHANGES = (
     ('gauge', 'gauges/ball_bar_kr5.yaml', 'sphere_diameter: 0.022', 'sphere_diameter: 0.0221'),
-    ('probe', 'probes/active_trihedron.yaml', 'translation: [0.0, 0.0, 0.1]',
-     'translation: [0.0, 0.001, 0.1]'),
+    (
+        'probe',
+        'probes/active_trihedron.yaml',
+        'translation: [0.0, 0.0, 0.1]',
+        'translation: [0.0, 0.001, 0.1]',
+    ),
     ('arm', 'arms/kuka_kr5_sixx_r650.yaml', 'a: 0.27', 'a: 0.2701'),
-)  # fmt: skip
+)
 
 
 def test_another_description_ends_the_capture_with_a_line_and_no_pose_is_of_both(graph, peer):
@@ -205,11 +208,12 @@ def test_every_node_tells_of_a_parameter_that_it_does_not_have(graph):
     shared = graph.folder / 'shared.yaml'
     shared.write_text('/**:\n  ros__parameters: {of_another_node: 1, use_sim_time: false}\n')
     nodes = {
-        ARM: ('arm', 'time_scal', 'time_scale'), PROBE: ('probe', 'gague', 'gauge'),
+        ARM: ('arm', 'time_scal', 'time_scale'),
+        PROBE: ('probe', 'gague', 'gauge'),
         CAPTURE: ('capture', 'spacng', 'spacing'),
-        'calib_solver.solver_node': ('solver', 'magnificaton', 'magnification'),
+        'calib_solver.nodes.solver_node': ('solver', 'magnificaton', 'magnification'),
         OPERATOR: ('operator', 'locatons', 'locations'),
-    }  # fmt: skip
+    }
     started = {
         name: graph.start(name, module, '--params-file', str(shared), **{wrong: 1})
         for module, (name, wrong, _) in nodes.items()

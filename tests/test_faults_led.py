@@ -5,29 +5,28 @@ from __future__ import annotations
 
 import re
 import signal
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip('rclpy', reason='no ROS 2 here')
 pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-import process_graph  # noqa: E402
-from calib_interfaces.msg import StylusDisplacements  # noqa: E402
-from process_graph import CAPTURE, CONFIG, OPERATOR  # noqa: E402
-from sensor_msgs.msg import JointState  # noqa: E402
+import process_graph
+from calib_interfaces.msg import StylusDisplacements
+from process_graph import CAPTURE, CONFIG, OPERATOR
+from sensor_msgs.msg import JointState
 
-from calib_bringup.processes import Child  # noqa: E402
-from calib_capture.led_note import LED_NOTE, LedNote  # noqa: E402
-from calib_capture.messages import stamp_of  # noqa: E402
-from calib_capture.pair import pair_led  # noqa: E402
-from calib_capture.repeat import read_raw  # noqa: E402
-from calib_model.bag import read_measurement  # noqa: E402
-from calib_model.bag_reader import read_note  # noqa: E402
-from calib_model.pairing import Reading  # noqa: E402
+from calib_bringup.processes import Child
+from calib_capture.commands.pair import pair_led
+from calib_capture.recording import LED_NOTE, LedNote
+from calib_capture.replaying import read_raw
+from calib_model.bags import (
+    read_measurement,
+    read_note,
+)
+from calib_model.nodes import stamp_of
+from calib_model.pairing import Reading
 
 WITHIN_ONE_STATE = 1e-3  # rad that a joint of a led arm goes, at its fastest, and more
 TAKEN = re.compile(r'(\d+) poses of 1 spheres taken from (\d+) readings')
@@ -58,14 +57,22 @@ def test_one_message_in_a_hundred_dropped_doubled_or_late_changes_no_pose_and_is
     states = peer.heard(JointState, '/raw/joint_states')
     readings = peer.heard(StylusDisplacements, '/raw/probe/displacements')
     graph.start(
-        'operator', OPERATOR, '-r', '/joint_states:=/raw/joint_states',
-        '-r', '/probe/displacements:=/raw/probe/displacements', locations='[3]', spheres='[6]',
-        probe='active', wait=30.0,
-    )  # fmt: skip
+        'operator',
+        OPERATOR,
+        '-r',
+        '/joint_states:=/raw/joint_states',
+        '-r',
+        '/probe/displacements:=/raw/probe/displacements',
+        locations='[3]',
+        spheres='[6]',
+        probe='active',
+        wait=30.0,
+    )
     relay = graph.relay()
     bag = graph.folder / 'bag'
-    capture = graph.start('capture', CAPTURE, mode='continuous', output=bag,
-                          placements=CONFIG / 'locations/faro.yaml')  # fmt: skip
+    capture = graph.start(
+        'capture', CAPTURE, mode='continuous', output=bag, placements=CONFIG / 'locations/faro.yaml'
+    )
     end = time.monotonic() + 60
     while graph.poses() < 20:
         assert capture.process.poll() is None, graph.said(capture)
@@ -96,8 +103,7 @@ def test_one_message_in_a_hundred_dropped_doubled_or_late_changes_no_pose_and_is
 
 def test_a_bag_played_in_a_loop_with_its_clock_is_taken_in_and_said(graph, tmp_path):
     """The clock jumps back at every turn; the stamps do, too."""
-    graph.start('operator', OPERATOR, locations='[3]', spheres='[6]',
-                probe='active', wait=30.0)  # fmt: skip
+    graph.start('operator', OPERATOR, locations='[3]', spheres='[6]', probe='active', wait=30.0)
     led = {'mode': 'continuous', 'placements': CONFIG / 'locations/faro.yaml'}
     capture = graph.start('recorded', CAPTURE, output=tmp_path / 'once', **led)
     graph.until(capture, lambda: graph.poses('once') > 10)
@@ -105,9 +111,13 @@ def test_a_bag_played_in_a_loop_with_its_clock_is_taken_in_and_said(graph, tmp_p
     assert graph.ended(capture)[0] == 0
     graph._children._running[0].process.terminate()
     graph._children._running[0].process.wait(10)
-    replay = Child('replay', 'calib_capture.replay_node',
-                   [str(tmp_path / 'once'), '--loop', '--clock', '--wait', '20'],
-                   graph.env, tmp_path / 'replay.log')  # fmt: skip
+    replay = Child(
+        'replay',
+        'calib_capture.nodes.replay_node',
+        [str(tmp_path / 'once'), '--loop', '--clock', '--wait', '20'],
+        graph.env,
+        tmp_path / 'replay.log',
+    )
     graph._children.start(replay)
     looped = graph.start('looped', CAPTURE, output=tmp_path / 'loop', use_sim_time='true', **led)
     once = read_measurement(tmp_path / 'once').poses

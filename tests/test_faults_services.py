@@ -18,28 +18,65 @@ import pytest
 
 rclpy = pytest.importorskip('rclpy')
 pytest.importorskip('calib_interfaces.srv')
-sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from calib_interfaces.srv import Compensate, Evaluate, FitProbe, Identify  # noqa: E402
-from mutations import ROUNDS, dice  # noqa: E402
-from rclpy.executors import SingleThreadedExecutor  # noqa: E402
-from soak import note  # noqa: E402
+from calib_interfaces.srv import Compensate, Evaluate, FitProbe, Identify
+from mutations import ROUNDS, dice
+from rclpy.executors import SingleThreadedExecutor
+from soak import note
 
-from calib_bringup.domains import held_domain  # noqa: E402
+from calib_bringup.domains import held_domain
 
 DEMO = Path(__file__).resolve().parents[1] / 'bags' / 'demo'
 DOMAIN = held_domain()
 ANSWER = 30.0  # s
 MOST_MEMORY = 2 << 20  # KiB
-SERVICES = {'identify': Identify, 'fit_probe': FitProbe, 'evaluate': Evaluate,
-            'compensate': Compensate}  # fmt: skip
+SERVICES = {
+    'identify': Identify,
+    'fit_probe': FitProbe,
+    'evaluate': Evaluate,
+    'compensate': Compensate,
+}
 TEXTS = (
-    '', ' ', 'x', 'é\u202e\U0001f600', 'a\nb\r\tc', '\x1b[2J', 'x' * 1_000_000, 'é' * 100_000,
-    '../../../../../../etc/passwd', '/etc/passwd', '/dev/zero', '/dev/null', '/dev/stdin', '/proc',
-    '/proc/self/mem', '/', '..', '.', '~', '~/x', ':' * 10_000, '$(id)', '`id`', "'; id; '", '*',
-    '%s%n', '{0}', '-1', 'nan', 'inf', '1e308', 'none', 'auto', 'http://127.0.0.1:1/x',
-    'a' * 300, 'a/' * 3000, '!!python/object/apply:os.system [id]', '/dev/fd/0', '[' * 10_000,
-)  # fmt: skip
+    '',
+    ' ',
+    'x',
+    'é\u202e\U0001f600',
+    'a\nb\r\tc',
+    '\x1b[2J',
+    'x' * 1_000_000,
+    'é' * 100_000,
+    '../../../../../../etc/passwd',
+    '/etc/passwd',
+    '/dev/zero',
+    '/dev/null',
+    '/dev/stdin',
+    '/proc',
+    '/proc/self/mem',
+    '/',
+    '..',
+    '.',
+    '~',
+    '~/x',
+    ':' * 10_000,
+    '$(id)',
+    '`id`',
+    "'; id; '",
+    '*',
+    '%s%n',
+    '{0}',
+    '-1',
+    'nan',
+    'inf',
+    '1e308',
+    'none',
+    'auto',
+    'http://127.0.0.1:1/x',
+    'a' * 300,
+    'a/' * 3000,
+    '!!python/object/apply:os.system [id]',
+    '/dev/fd/0',
+    '[' * 10_000,
+)
 NUMBERS = (math.nan, math.inf, -math.inf, 1e308, -1e308, 1e-320, 0.0, -0.0, 1.0, 1e9)
 pytestmark = pytest.mark.timeout(300 * ROUNDS)
 
@@ -83,10 +120,22 @@ def node(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[subprocess.
     env = {**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
     with (folder / 'log').open('w') as log:
         process = subprocess.Popen(
-            [sys.executable, '-m', 'calib_solver.solver_node', '--ros-args', '-p',
-             'bag_folders:=[/]', '-p', f'output_folders:=[{folder}]'],
-            env=env, cwd=folder, stderr=log, stdout=log, stdin=subprocess.DEVNULL,
-        )  # fmt: skip
+            [
+                sys.executable,
+                '-m',
+                'calib_solver.nodes.solver_node',
+                '--ros-args',
+                '-p',
+                'bag_folders:=[/]',
+                '-p',
+                f'output_folders:=[{folder}]',
+            ],
+            env=env,
+            cwd=folder,
+            stderr=log,
+            stdout=log,
+            stdin=subprocess.DEVNULL,
+        )
     try:
         yield process, folder / 'log'
     finally:
@@ -135,9 +184,11 @@ def ask(node: tuple[subprocess.Popen, Path]) -> Iterator[Callable[[str, Any], An
 def good_requests(folder: Path) -> dict[str, dict[str, Any]]:
     bag = {'bag': str(DEMO / 'held_out')}
     return {
-        'identify': bag, 'fit_probe': bag, 'evaluate': bag,
+        'identify': bag,
+        'fit_probe': bag,
+        'evaluate': bag,
         'compensate': {'result': str(folder / 'result'), 'position': [0.5, 0.0, 0.4]},
-    }  # fmt: skip
+    }
 
 
 def test_odd_requests_are_answered_in_one_line_and_good_ones_as_before(

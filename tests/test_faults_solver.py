@@ -15,11 +15,11 @@ import pytest
 
 rclpy = pytest.importorskip('rclpy', reason='no ROS 2 here')
 pytest.importorskip('calib_interfaces.srv', reason='the workspace is not built')
-from calib_interfaces.srv import Evaluate, Identify  # noqa: E402
-from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from calib_interfaces.srv import Evaluate, Identify
+from rclpy.executors import SingleThreadedExecutor
 
-from calib_bringup.processes import Child, Children, graph_environment  # noqa: E402
-from calib_model.description import parse_arm, read_description  # noqa: E402
+from calib_bringup.processes import Child, Children, graph_environment
+from calib_model.descriptions import parse_arm, read_description
 
 DEMO = str(Path(__file__).resolve().parents[1] / 'bags/demo/identification')
 LONG = {'bag': DEMO, 'monte_carlo': 2000}  # minutes
@@ -43,8 +43,10 @@ class Asker:
 
     def __init__(self, context, executor, node, process):
         self.process, self._executor = process, executor
-        self._clients = {Identify: node.create_client(Identify, 'identify'),
-                         Evaluate: node.create_client(Evaluate, 'evaluate')}  # fmt: skip
+        self._clients = {
+            Identify: node.create_client(Identify, 'identify'),
+            Evaluate: node.create_client(Evaluate, 'evaluate'),
+        }
         for client in self._clients.values():
             assert client.wait_for_service(30), 'no solver'
 
@@ -67,11 +69,16 @@ class Asker:
 def ask(domain, tmp_path, monkeypatch):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     env = graph_environment(domain)
-    folders = ['--ros-args', '-p', f'bag_folders:=[{Path(DEMO).parent}]',
-               '-p', f'output_folders:=[{tmp_path}]']  # fmt: skip
+    folders = [
+        '--ros-args',
+        '-p',
+        f'bag_folders:=[{Path(DEMO).parent}]',
+        '-p',
+        f'output_folders:=[{tmp_path}]',
+    ]
     with Children() as children:
         solver = children.start(
-            Child('solver', 'calib_solver.solver_node', folders, env, tmp_path / 'solver.log')
+            Child('solver', 'calib_solver.nodes.solver_node', folders, env, tmp_path / 'solver.log')
         )
         context = rclpy.Context()
         rclpy.init(context=context, domain_id=domain)
@@ -131,8 +138,12 @@ def test_two_results_into_one_folder_are_one_or_the_other_and_into_two_are_both(
 
 def test_a_client_that_goes_away_leaves_the_solver_to_others(ask):
     for _ in range(2):
-        client = subprocess.Popen([sys.executable, '-c', CALL, DEMO], env={**os.environ, **ask.env},
-                                  stdout=subprocess.PIPE, text=True)  # fmt: skip
+        client = subprocess.Popen(
+            [sys.executable, '-c', CALL, DEMO],
+            env={**os.environ, **ask.env},
+            stdout=subprocess.PIPE,
+            text=True,
+        )
         assert client.stdout.readline() == 'asked\n'
         time.sleep(0.3)
         client.kill()

@@ -132,17 +132,23 @@ def test_the_layouts_show_topics_that_there_are():
     shown = [
         display[key]['Value']
         for display in rviz['Visualization Manager']['Displays']
-        for key in ('Topic', 'Description Topic') if key in display
-    ]  # fmt: skip
+        for key in ('Topic', 'Description Topic')
+        if key in display
+    ]
     assert shown == ['/robot_description', '/capture/markers', '/solver/markers']
     panels = json.loads((BRINGUP / 'foxglove' / 'calibration.json').read_text())['configById']
     scene = panels['3D!scene']
     shown = {
-        *scene['topics'], scene['layers']['arm']['topic'],
+        *scene['topics'],
+        scene['layers']['arm']['topic'],
         panels['RawMessages!poses']['topicPath'],
         panels['DiagnosticSummary!probe']['topicToRender'],
-    }  # fmt: skip
-    plots = [path['value'] for name, panel in panels.items() if name.startswith('Plot')
-             for path in panel['paths']]  # fmt: skip
+    }
+    plots = [
+        path['value']
+        for name, panel in panels.items()
+        if name.startswith('Plot')
+        for path in panel['paths']
+    ]
     shown |= {path.split('.')[0] for path in plots}
     assert {'/capture/markers', '/solver/markers', '/diagnostics'} <= shown <= KNOWN

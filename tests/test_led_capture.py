@@ -13,14 +13,16 @@ import pytest
 
 pytest.importorskip('rclpy', reason='no ROS 2 here')
 pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
-from calib_bringup.domains import held_domain  # noqa: E402
-from calib_bringup.processes import Child, Children, graph_environment  # noqa: E402
-from calib_capture.led_note import CLOCK_NOTE, LED_NOTE, LedNote  # noqa: E402
-from calib_capture.pair import pair_led  # noqa: E402
-from calib_capture.repeat import read_raw  # noqa: E402
-from calib_model.bag import read_measurement  # noqa: E402
-from calib_model.bag_reader import read_note  # noqa: E402
-from calib_model.pairing import JointSample, Reading  # noqa: E402
+from calib_bringup.domains import held_domain
+from calib_bringup.processes import Child, Children, graph_environment
+from calib_capture.commands.pair import pair_led
+from calib_capture.recording import CLOCK_NOTE, LED_NOTE, LedNote
+from calib_capture.replaying import read_raw
+from calib_model.bags import (
+    read_measurement,
+    read_note,
+)
+from calib_model.pairing import JointSample, Reading
 
 CONFIG = Path(__file__).resolve().parents[1] / 'ros2_ws/src/calib_bringup/config'
 SAID = re.compile(r'(\d+) poses of (\d+) spheres taken from (\d+) readings, (\d+) paired')
@@ -44,9 +46,13 @@ def graph(tmp_path):
 def captured(graph, tmp_path, name, seconds, **asked):
     """What a capture says that is ended by Ctrl-C after so many seconds of streams."""
     capture = graph(
-        name, 'calib_capture.capture_node', mode='continuous', output=tmp_path / 'bag',
-        placements=CONFIG / 'locations/faro.yaml', **asked,
-    )  # fmt: skip
+        name,
+        'calib_capture.nodes.capture_node',
+        mode='continuous',
+        output=tmp_path / 'bag',
+        placements=CONFIG / 'locations/faro.yaml',
+        **asked,
+    )
     file = tmp_path / 'bag' / f'bag_{0 if name == "first" else 1}.mcap'
     end = time.monotonic() + 60
     while not file.exists():
@@ -63,8 +69,14 @@ def captured(graph, tmp_path, name, seconds, **asked):
 
 
 def test_a_led_arm_is_paired_live_as_it_is_from_the_bag_and_gone_on_with(graph, tmp_path):
-    graph('operator', 'selfcenter_probe.operator_node', locations='[3]', spheres='[6]',
-          probe='active', wait=30.0)  # fmt: skip
+    graph(
+        'operator',
+        'selfcenter_probe.nodes.operator_node',
+        locations='[3]',
+        spheres='[6]',
+        probe='active',
+        wait=30.0,
+    )
     (taken, spheres, readings, paired), text = captured(graph, tmp_path, 'first', 4.0)
     raw = read_raw(tmp_path / 'bag').stream
     came = np.array([each.stamp for each in raw if isinstance(each, Reading)])

@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import re
 import signal
-import sys
 import time
 from pathlib import Path
 
@@ -19,16 +18,15 @@ import pytest
 
 rclpy = pytest.importorskip('rclpy', reason='no ROS 2 here')
 pytest.importorskip('calib_interfaces.srv', reason='the workspace is not built')
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from calib_interfaces.srv import Evaluate, Identify  # noqa: E402
-from rclpy.executors import SingleThreadedExecutor  # noqa: E402
-from soak import SOAK, note  # noqa: E402
+from calib_interfaces.srv import Evaluate, Identify
+from rclpy.executors import SingleThreadedExecutor
+from soak import SOAK, note
 
-from calib_bringup.domains import held_domain  # noqa: E402
-from calib_bringup.processes import Child, Children, graph_environment  # noqa: E402
-from calib_capture.repeat import read_raw  # noqa: E402
-from calib_model.bag import read_measurement  # noqa: E402
-from calib_model.pairing import JointSample  # noqa: E402
+from calib_bringup.domains import held_domain
+from calib_bringup.processes import Child, Children, graph_environment
+from calib_capture.replaying import read_raw
+from calib_model.bags import read_measurement
+from calib_model.pairing import JointSample
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'ros2_ws/src/calib_bringup/config'
@@ -75,14 +73,23 @@ def until(child: Child, done, seconds: float) -> None:
 def test_a_led_arm_at_1_khz_is_recorded_to_the_last_reading_in_flat_memory(start, tmp_path):
     """At twice real time: 500 joint states and 1000 readings in every second of the wall clock."""
     operator = start(
-        'operator', 'selfcenter_probe.operator_node', probe='active', poses=2500, time_scale=2.0,
+        'operator',
+        'selfcenter_probe.nodes.operator_node',
+        probe='active',
+        poses=2500,
+        time_scale=2.0,
         wait=30.0,
-    )  # fmt: skip
+    )
     bag = tmp_path / 'bag'
     capture = start(
-        'capture', 'calib_capture.capture_node', mode='continuous', output=bag, spacing=0.5,
-        silence=20.0, placements=CONFIG / 'locations/faro.yaml',
-    )  # fmt: skip
+        'capture',
+        'calib_capture.nodes.capture_node',
+        mode='continuous',
+        output=bag,
+        spacing=0.5,
+        silence=20.0,
+        placements=CONFIG / 'locations/faro.yaml',
+    )
     until(capture, (bag / 'bag_0.mcap').exists, 90)
     begin = time.monotonic()
     time.sleep(WARM)
@@ -106,8 +113,10 @@ def test_a_led_arm_at_1_khz_is_recorded_to_the_last_reading_in_flat_memory(start
     states = np.array(stamps.pop(JointSample))
     came = np.array(next(iter(stamps.values())))
     # every gap within a seating is of messages that the capture says it lost
-    gaps = {'/joint_states': missed(states, 4_000_000),
-            '/probe/displacements': missed(came, 2_000_000)}  # fmt: skip
+    gaps = {
+        '/joint_states': missed(states, 4_000_000),
+        '/probe/displacements': missed(came, 2_000_000),
+    }
     rate = (len(states) / (np.ptp(states) / 1e9) * 2, len(came) / (np.ptp(came) / 1e9) * 2)
     wall = len(came) / SECONDS
     print(text.splitlines()[-1], early, late, gaps, lost, rate, wall)
@@ -118,11 +127,16 @@ def test_a_led_arm_at_1_khz_is_recorded_to_the_last_reading_in_flat_memory(start
     assert late < FLAT * early + (0 if SOAK else 5)
     assert wall > 0.5 * READINGS, 'the machine is too busy for this'
     note(
-        led_seconds=SECONDS, led_joint_states=len(states), led_readings=len(came),
-        led_readings_per_second=wall, led_lost_reported=sum(lost.values()),
-        led_lost_unreported=sum(unreported.values()), led_poses=taken,
-        led_memory=[early, late], led_bag_mb=(bag / 'bag_0.mcap').stat().st_size / 1e6,
-    )  # fmt: skip
+        led_seconds=SECONDS,
+        led_joint_states=len(states),
+        led_readings=len(came),
+        led_readings_per_second=wall,
+        led_lost_reported=sum(lost.values()),
+        led_lost_unreported=sum(unreported.values()),
+        led_poses=taken,
+        led_memory=[early, late],
+        led_bag_mb=(bag / 'bag_0.mcap').stat().st_size / 1e6,
+    )
 
 
 def missed(stamps: np.ndarray, period: int) -> int:
@@ -135,7 +149,7 @@ def missed(stamps: np.ndarray, period: int) -> int:
 
 @pytest.fixture
 def solver(start):
-    child = start('solver', 'calib_solver.solver_node', bag_folders=f'[{DEMO.parent}]')
+    child = start('solver', 'calib_solver.nodes.solver_node', bag_folders=f'[{DEMO.parent}]')
     context = rclpy.Context()
     before = os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE')
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
@@ -143,8 +157,10 @@ def solver(start):
     asker = rclpy.create_node('asker', context=context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(asker)
-    clients = {Evaluate: asker.create_client(Evaluate, 'evaluate'),
-               Identify: asker.create_client(Identify, 'identify')}  # fmt: skip
+    clients = {
+        Evaluate: asker.create_client(Evaluate, 'evaluate'),
+        Identify: asker.create_client(Identify, 'identify'),
+    }
 
     def ask(kind, **request):
         assert clients[kind].wait_for_service(timeout_sec=30), 'no solver'
@@ -169,9 +185,10 @@ def solver(start):
 
 
 @pytest.mark.parametrize(
-    ('kind', 'calls'), [(Evaluate, EVALUATIONS), (Identify, IDENTIFICATIONS)],
+    ('kind', 'calls'),
+    [(Evaluate, EVALUATIONS), (Identify, IDENTIFICATIONS)],
     ids=['evaluate', 'identify'],
-)  # fmt: skip
+)
 def test_calls_in_a_row_are_all_answered_alike_in_flat_memory(solver, kind, calls):
     warm = max(2, calls // 10)
     answers: set[float] = set()
@@ -187,5 +204,11 @@ def test_calls_in_a_row_are_all_answered_alike_in_flat_memory(solver, kind, call
     assert len(answers) == 1
     assert late < FLAT * early + (0 if SOAK else 5)
     name = kind.__name__.lower()
-    note(**{f'{name}_calls': calls, f'{name}_answered': calls, f'{name}_memory': [early, late],
-            f'{name}_seconds': time.monotonic() - begin})  # fmt: skip
+    note(
+        **{
+            f'{name}_calls': calls,
+            f'{name}_answered': calls,
+            f'{name}_memory': [early, late],
+            f'{name}_seconds': time.monotonic() - begin,
+        }
+    )

@@ -6,9 +6,9 @@ import sys
 
 import pytest
 
-from calib_capture import arm_node, capture_node
-from calib_solver import solver_node
-from selfcenter_probe import operator_node, probe_node
+from calib_capture.nodes import arm_node, capture_node
+from calib_solver.nodes import solver_node
+from selfcenter_probe.nodes import operator_node, probe_node
 
 NODES = [arm_node, capture_node, probe_node, operator_node, solver_node]
 pytestmark = pytest.mark.timeout(60)
@@ -29,8 +29,12 @@ def test_a_node_says_what_it_does_and_what_can_be_set(node, capsys) -> None:
 
 @pytest.mark.parametrize(('words', 'code'), [(['--help'], 0), (['faster'], 2)])
 def test_a_node_that_is_asked_for_help_or_nonsense_does_not_start(words, code) -> None:
-    done = subprocess.run([sys.executable, '-m', 'calib_solver.solver_node', *words],
-                          capture_output=True, text=True, timeout=20)
+    done = subprocess.run(
+        [sys.executable, '-m', 'calib_solver.nodes.solver_node', *words],
+        capture_output=True,
+        text=True,
+        timeout=20,
+    )
     assert done.returncode == code
     assert ('magnification (500.0)' in done.stdout) == (code == 0)
     if code:

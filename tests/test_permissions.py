@@ -15,7 +15,7 @@ from rclpy.action import ActionClient
 
 from calib_bringup.domains import held_domain
 from calib_bringup.processes import Child, Children, graph_environment
-from calib_model import plain_yaml
+from calib_model.files import safe_yaml as plain_yaml
 
 ROOT = Path(__file__).parents[1]
 DEMO = ROOT / 'bags' / 'demo'
@@ -43,16 +43,20 @@ def graph(places):
     executor = rclpy.executors.SingleThreadedExecutor(context=context)
     executor.add_node(caller)
     opened = [
-        '-p', f"bag_folders:=['{places}/in', '{DEMO}']", '-p', f"output_folders:=['{places}/out']",
-    ]  # fmt: skip
+        '-p',
+        f"bag_folders:=['{places}/in', '{DEMO}']",
+        '-p',
+        f"output_folders:=['{places}/out']",
+    ]
     nodes = {
-        'solver': ('calib_solver.solver_node', ['--ros-args', *opened]),
-        'arm': ('calib_capture.arm_node', ['--ros-args', '-p', 'time_scale:=0.0']),
-        'probe': ('selfcenter_probe.probe_node', []),
+        'solver': ('calib_solver.nodes.solver_node', ['--ros-args', *opened]),
+        'arm': ('calib_capture.nodes.arm_node', ['--ros-args', '-p', 'time_scale:=0.0']),
+        'probe': ('selfcenter_probe.nodes.probe_node', []),
         'capture': (
-            'calib_capture.capture_node', ['--ros-args', '-p', 'serve:=true', *opened[2:]]
+            'calib_capture.nodes.capture_node',
+            ['--ros-args', '-p', 'serve:=true', *opened[2:]],
         ),
-    }  # fmt: skip
+    }
     try:
         with Children() as children:
             for name, (module, given) in nodes.items():
@@ -81,29 +85,37 @@ def ask(caller, kind, name, **request):
 
 
 def test_open_folders_are_read_and_written(graph, places):
-    answer = ask(graph, Identify, 'identify', bag=f'{DEMO}/identification',
-                 output=f'{places}/out/result')  # fmt: skip
+    answer = ask(
+        graph, Identify, 'identify', bag=f'{DEMO}/identification', output=f'{places}/out/result'
+    )
     assert answer.success, answer.message
     assert (places / 'out' / 'result' / 'arm.yaml').exists()
 
 
-@pytest.mark.parametrize(('kind', 'name', 'request_'), [
-    (Identify, 'identify', {'bag': '{0}/closed/bag'}),
-    (Identify, 'identify', {'bag': '{0}/in/../closed'}),
-    (Identify, 'identify', {'bag': '{demo}/identification:/etc'}),
-    (Identify, 'identify', {'bag': '{demo}/identification', 'test': '/etc'}),
-    (Identify, 'identify', {'bag': '{demo}/identification', 'arm': '/etc/passwd'}),
-    (Identify, 'identify', {'bag': '{demo}/identification', 'prior': '/etc/passwd'}),
-    (Identify, 'identify', {'bag': '{demo}/identification', 'output': '{0}/closed/result'}),
-    (Identify, 'identify', {'bag': '{demo}/identification', 'output': '{0}/out/way_out/result'}),
-    (Identify, 'identify', {'bag': '{demo}/identification', 'output': '{0}/out/../../x'}),
-    (Identify, 'identify', {'bag': '{demo}/identification', 'scheduler': 'tcp://127.0.0.1:1'}),
-    (FitProbe, 'fit_probe', {'bag': '{0}/closed'}),
-    (FitProbe, 'fit_probe', {'bag': '{demo}/identification', 'output': '/etc/result'}),
-    (Evaluate, 'evaluate', {'bag': '/'}),
-    (Evaluate, 'evaluate', {'bag': '{demo}/identification', 'gauge': '/etc/shadow'}),
-    (Compensate, 'compensate', {'result': '{0}/closed', 'position': [0.5, 0.0, 0.5]}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ('kind', 'name', 'request_'),
+    [
+        (Identify, 'identify', {'bag': '{0}/closed/bag'}),
+        (Identify, 'identify', {'bag': '{0}/in/../closed'}),
+        (Identify, 'identify', {'bag': '{demo}/identification:/etc'}),
+        (Identify, 'identify', {'bag': '{demo}/identification', 'test': '/etc'}),
+        (Identify, 'identify', {'bag': '{demo}/identification', 'arm': '/etc/passwd'}),
+        (Identify, 'identify', {'bag': '{demo}/identification', 'prior': '/etc/passwd'}),
+        (Identify, 'identify', {'bag': '{demo}/identification', 'output': '{0}/closed/result'}),
+        (
+            Identify,
+            'identify',
+            {'bag': '{demo}/identification', 'output': '{0}/out/way_out/result'},
+        ),
+        (Identify, 'identify', {'bag': '{demo}/identification', 'output': '{0}/out/../../x'}),
+        (Identify, 'identify', {'bag': '{demo}/identification', 'scheduler': 'tcp://127.0.0.1:1'}),
+        (FitProbe, 'fit_probe', {'bag': '{0}/closed'}),
+        (FitProbe, 'fit_probe', {'bag': '{demo}/identification', 'output': '/etc/result'}),
+        (Evaluate, 'evaluate', {'bag': '/'}),
+        (Evaluate, 'evaluate', {'bag': '{demo}/identification', 'gauge': '/etc/shadow'}),
+        (Compensate, 'compensate', {'result': '{0}/closed', 'position': [0.5, 0.0, 0.5]}),
+    ],
+)
 def test_everything_else_is_refused_in_one_line(graph, places, kind, name, request_):
     request = {
         key: value.format(places, demo=DEMO) if isinstance(value, str) else value
@@ -143,8 +155,18 @@ def test_the_one_loader_of_yaml_is_a_safe_one():
 
 @pytest.mark.parametrize('path', SOURCES, ids=[str(path.relative_to(ROOT)) for path in SOURCES])
 def test_no_shell_no_pickle_no_eval_and_yaml_as_data(path):
-    forbidden = {'eval', 'exec', 'os.system', 'os.popen', 'import pickle', 'import shelve',
-                 'import marshal', 'import dill', 'yaml.unsafe_load', 'yaml.full_load'}  # fmt: skip
+    forbidden = {
+        'eval',
+        'exec',
+        'os.system',
+        'os.popen',
+        'import pickle',
+        'import shelve',
+        'import marshal',
+        'import dill',
+        'yaml.unsafe_load',
+        'yaml.full_load',
+    }
     for name, text in calls(path):
         assert name not in forbidden, text
         assert 'shell=True' not in text, text

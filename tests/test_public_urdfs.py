@@ -3,24 +3,18 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-from calib_model.arm_from_urdf import main as arm_from_urdf
-from calib_model.bag import write_measurement
-from calib_model.description import parse_arm, read_description
-from calib_model.kinematics import forward
-from calib_solver.identify import main as identify_command
-from calib_solver.identify import run as identify
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / 'ros2_ws/src/calib_model/test'))
-sys.path.append(str(Path(__file__).resolve().parents[1] / 'ros2_ws/src/calib_solver/test'))
-
 from simulated_calibration import active, passive, simulate
 from urdf_files import PUBLIC, public_urdf, through_pinocchio
+
+from calib_model.bags import write_measurement
+from calib_model.commands.arm_from_urdf import main as arm_from_urdf
+from calib_model.descriptions import parse_arm, read_description
+from calib_model.kinematics import forward_kinematics
+from calib_solver.commands.identify import main as identify_command, run as identify
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -42,9 +36,9 @@ def test_a_public_urdf_is_described_identified_and_corrected(name: str, tmp_path
     q = np.random.default_rng(0).uniform(-np.pi, np.pi, (50, arm.n))
     text = (output / 'robot.urdf').read_text()
     read = through_pinocchio(text, base, flange, arm.joint_names, q)
-    assert np.abs(read - forward(arm, q)).max() < 1e-9
+    assert np.abs(read - forward_kinematics(arm, q)).max() < 1e-9
     # and it is not simply the file that came in
-    assert np.abs(read - forward(nominal, q)).max() > 1e-5
+    assert np.abs(read - forward_kinematics(nominal, q)).max() > 1e-5
     before, after = (t.splitlines() for t in (urdf.read_text(), text))
     changed = [old for old, new in zip(before, after, strict=True) if old != new]
     assert 0 < len(changed) <= arm.n

@@ -12,15 +12,13 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
-from calib_model import cdr
-from calib_model.bag import read_measurement
-from calib_model.bag_reader import BagMessage, read_messages
-from calib_model.description import arm_yaml, gauge_yaml, probe_yaml
+from calib_model.bags import BagMessage, cdr, read_measurement, read_messages
+from calib_model.descriptions import arm_yaml, gauge_yaml, probe_yaml
 from calib_model.errors import BagError
 from calib_model.topics import DISPLACEMENTS, JOINT_STATE, JOINT_STATES, PROBE_DISPLACEMENTS
-from calib_solver.identification import Options
-from calib_solver.identify import run
-from calib_solver.loading import Calibration, Sources, calibrate
+from calib_solver.calibration import Calibration, Sources, calibrate
+from calib_solver.commands.identify import run
+from calib_solver.fitting import Options
 
 OURS = Path(__file__).resolve().parent.parent / 'bags' / 'demo' / 'identification'
 #: two more than the arm has, and not in its order
@@ -44,19 +42,23 @@ def described(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """Arguments that give the three descriptions."""
     folder, measured = tmp_path_factory.mktemp('described'), read_measurement(OURS)
     texts = {
-        'arm': arm_yaml(measured.arm), 'probe': probe_yaml(measured.probe),
+        'arm': arm_yaml(measured.arm),
+        'probe': probe_yaml(measured.probe),
         'gauge': gauge_yaml(measured.gauge),
-    }  # fmt: skip
+    }
     for name, text in texts.items():
         (folder / f'{name}.yaml').write_text(text)
     return [word for name in texts for word in (f'--{name}', str(folder / f'{name}.yaml'))]
 
 
 def rewritten(
-    path: Path, stream: Sequence[BagMessage], topics: Sequence[str] = TOPICS,
+    path: Path,
+    stream: Sequence[BagMessage],
+    topics: Sequence[str] = TOPICS,
     mode: CompressionMode = CompressionMode.STORAGE,
-    plugin: StoragePlugin = StoragePlugin.MCAP, names: Sequence[str] = NAMES,
-) -> Path:  # fmt: skip
+    plugin: StoragePlugin = StoragePlugin.MCAP,
+    names: Sequence[str] = NAMES,
+) -> Path:
     """The streams as rosbags' writer puts them on disk; `names` shuffle and add joints."""
     store = cdr.typestore()
     writer = Writer(path, version=9, storage_plugin=plugin)
@@ -105,9 +107,13 @@ OTHERS = [
 
 @pytest.mark.parametrize(('mode', 'plugin'), OTHERS)
 def test_other_topics_storage_and_names_come_to_the_same(
-    stream: list[BagMessage], ours: Calibration, described: list[str], tmp_path: Path,
-    mode: CompressionMode, plugin: StoragePlugin,
-) -> None:  # fmt: skip
+    stream: list[BagMessage],
+    ours: Calibration,
+    described: list[str],
+    tmp_path: Path,
+    mode: CompressionMode,
+    plugin: StoragePlugin,
+) -> None:
     topics = ('/cell_4/joints', '/cell_4/styli')
     renamed = [f'axis_{name}' for name in NAMES]
     path = rewritten(tmp_path / 'bag', stream, topics, mode, plugin, renamed)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib_model.bag import read_measurement
+from calib_model.bags import read_measurement
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get('CALIB_SHARED_DATA', ROOT.parent / 'shared' / 'data'))
@@ -24,11 +24,18 @@ pytestmark = pytest.mark.skipif(not SOCKETS.is_dir(), reason=f'no real data at {
 def test_a_table_of_the_real_arm_becomes_a_bag(name: str, location: int, tmp_path: Path) -> None:
     table, bag = SOCKETS / f'{name}.csv', tmp_path / name
     command = [
-        sys.executable, '-m', 'calib_capture.import_csv', str(table), str(bag),
-        '--arm', str(CONFIG / 'arms' / 'kuka_lbr_iiwa14.yaml'),
-        '--probe', str(CONFIG / 'probes' / 'seated_ball_iiwa14.yaml'),
-        '--gauge', str(CONFIG / 'gauges' / 'two_sockets.yaml'),
-    ]  # fmt: skip
+        sys.executable,
+        '-m',
+        'calib_capture.commands.import_csv',
+        str(table),
+        str(bag),
+        '--arm',
+        str(CONFIG / 'arms' / 'kuka_lbr_iiwa14.yaml'),
+        '--probe',
+        str(CONFIG / 'probes' / 'seated_ball_iiwa14.yaml'),
+        '--gauge',
+        str(CONFIG / 'gauges' / 'two_sockets.yaml'),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=50)
     assert (done.returncode, done.stderr) == (0, '')
     rows = np.loadtxt(table, delimiter=',', skiprows=1)

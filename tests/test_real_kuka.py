@@ -14,15 +14,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib_capture.import_csv import import_csv
-from calib_solver.evaluate import evaluation_record
-from calib_solver.identification import Options, identify
-from calib_solver.identify import main, run
-from calib_solver.loading import Sources, load
-from calib_solver.prior import CANDIDATES, DEFAULT_SIGMA, Prior, chosen_prior
+from calib_capture.commands.import_csv import import_csv
+from calib_model.kinematics import DEFAULT_SIGMA
+from calib_solver.calibration import Sources, evaluation_record, load
+from calib_solver.commands.identify import main, run
+from calib_solver.fitting import CANDIDATES, Options, Prior, chosen_prior
+from calib_solver.identification import identify
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
-from calib_solver.result import sphere_records
+from calib_solver.results import sphere_records
 
 ROOT = Path(__file__).resolve().parent.parent
 CONFIG = ROOT / 'ros2_ws' / 'src' / 'calib_bringup' / 'config'
@@ -69,9 +69,7 @@ def spread(spheres):
 def judged(bags, places, output=None):
     """The spread at some places with the nominal parameters, or with those in a folder."""
     files = (str(output / 'arm.yaml'), str(output / 'probe.yaml')) if output else ()
-    return spread(
-        evaluation_record(Sources(tuple(bags[p] for p in places), *files))['spheres']
-    )  # fmt: skip
+    return spread(evaluation_record(Sources(tuple(bags[p] for p in places), *files))['spheres'])
 
 
 def test_the_nominal_arm_spreads_the_ball_by_0_7_mm(bags):

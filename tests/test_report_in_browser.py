@@ -3,24 +3,23 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / 'ros2_ws' / 'src' / 'calib_solver' / 'test'))
-sys.path.insert(0, str(ROOT / 'tests'))
 
-from browser import Browser, found  # noqa: E402
-from simulated_calibration import passive, simulate, ur_like  # noqa: E402
+from browser import Browser, found
+from simulated_calibration import passive, simulate, ur_like
 
-from calib_model.bag import write_measurement  # noqa: E402
-from calib_solver.identification import Options  # noqa: E402
-from calib_solver.loading import Effort, Sources, calibrate  # noqa: E402
-from calib_solver.prior import chosen_prior  # noqa: E402
-from calib_solver.resampling import Plan  # noqa: E402
+from calib_model.bags import write_measurement
+from calib_solver.calibration import Effort, Sources, calibrate
+from calib_solver.fitting import (
+    Options,
+    chosen_prior,
+)
+from calib_solver.resampling import Plan
 
 PROGRAM = found()
 pytestmark = [
@@ -96,9 +95,12 @@ def reports(tmp_path_factory):
     folder = tmp_path_factory.mktemp('reports')
     bags = ROOT / 'bags' / 'demo'
     calibrate(
-        Sources((str(bags / 'identification'),)), Options(), [str(bags / 'held_out')],
-        str(folder / 'held_out'), Effort(Plan(monte_carlo=2)),
-    )  # fmt: skip
+        Sources((str(bags / 'identification'),)),
+        Options(),
+        [str(bags / 'held_out')],
+        str(folder / 'held_out'),
+        Effort(Plan(monte_carlo=2)),
+    )
     measured = simulate(ur_like(), passive(), 3, locations=1, poses=6, noise=1e-4).measured
     joints = measured.poses.joints.copy()
     joints[2, 1] += 0.2
@@ -154,10 +156,14 @@ def test_warnings_are_seen_before_anything_else(browser, reports):
 def test_on_paper_tables_are_whole_and_figures_keep_their_names(browser, reports, tmp_path):
     browser.show(reports['held_out'], A4, dark=True, media='print')
     assert browser.evaluate('document.scrollingElement.scrollWidth') <= A4
-    assert browser.evaluate(
-        '[...document.querySelectorAll(".scroll")].filter(e => e.scrollWidth > e.clientWidth + 1)'
-        '.map(e => e.getAttribute("aria-label"))'
-    ) == []  # fmt: skip
+    assert (
+        browser.evaluate(
+            '[...document.querySelectorAll(".scroll")]'
+            '.filter(e => e.scrollWidth > e.clientWidth + 1)'
+            '.map(e => e.getAttribute("aria-label"))'
+        )
+        == []
+    )
     assert browser.evaluate('getComputedStyle(document.body).backgroundColor') == (
         'rgb(255, 255, 255)'
     )

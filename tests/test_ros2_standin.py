@@ -26,14 +26,17 @@ def environment() -> dict[str, str]:
     command = f'source {ROOT}/env.bash && env -0'
     listing = subprocess.run(['bash', '-c', command], check=True, capture_output=True, text=True)
     variables = dict(entry.split('=', 1) for entry in listing.stdout.split('\0') if entry)
-    return variables | {'ROS_DOMAIN_ID': str(held_domain()),
-                        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    return variables | {
+        'ROS_DOMAIN_ID': str(held_domain()),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    }
 
 
 @pytest.fixture(scope='module')
 def peer(environment: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
-    with subprocess.Popen([sys.executable, PEER], env=environment, stdout=subprocess.PIPE,
-                          text=True) as process:
+    with subprocess.Popen(
+        [sys.executable, PEER], env=environment, stdout=subprocess.PIPE, text=True
+    ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == 'ready\n'
         yield process
@@ -43,8 +46,14 @@ def peer(environment: dict[str, str]) -> Iterator[subprocess.Popen[str]]:
 @pytest.fixture
 def ros2(environment: dict[str, str]):
     def run(*words: str, stdin: str | None = None) -> subprocess.CompletedProcess[str]:
-        return subprocess.run([STAND_IN, *words], env=environment, capture_output=True, text=True,
-                              timeout=30, input=stdin)
+        return subprocess.run(
+            [STAND_IN, *words],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=30,
+            input=stdin,
+        )
 
     return run
 
@@ -62,8 +71,13 @@ def package(tmp_path: Path, environment: dict[str, str]):
     def start(script: str, *words: str) -> subprocess.Popen[str]:
         tool.write_text(f'#!{sys.executable}\n{script}')
         tool.chmod(0o755)
-        return subprocess.Popen([STAND_IN, 'run', 'tool_box', 'tool', *words], env=overlay,
-                                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        return subprocess.Popen(
+            [STAND_IN, 'run', 'tool_box', 'tool', *words],
+            env=overlay,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
 
     return start
 
@@ -89,7 +103,8 @@ def test_run_lets_signals_reach_the_executable(package, number: signal.Signals) 
         '    print("signal", number); sys.exit(7)\n'
         f'signal.signal({int(number)}, leave)\n'
         'print("up", flush=True)\n'
-        'time.sleep(20)\n')
+        'time.sleep(20)\n'
+    )
     assert process.stdout.readline() == 'up\n'
     process.send_signal(number)
     output, _ = process.communicate(timeout=10)
@@ -131,7 +146,8 @@ def test_service_call_prints_request_and_response_as_ros2cli_does(ros2, peer) ->
     assert result.returncode == 0
     assert result.stdout.removeprefix('waiting for service to become available...\n') == (
         'requester: making request: std_srvs.srv.SetBool_Request(data=True)\n\n'
-        "response:\nstd_srvs.srv.SetBool_Response(success=True, message='switched')\n\n")
+        "response:\nstd_srvs.srv.SetBool_Response(success=True, message='switched')\n\n"
+    )
 
 
 def test_service_call_reads_the_request_from_stdin(ros2, peer) -> None:
@@ -139,12 +155,15 @@ def test_service_call_reads_the_request_from_stdin(ros2, peer) -> None:
     assert 'SetBool_Response(success=True' in result.stdout
 
 
-@pytest.mark.parametrize(('values', 'reason'), [
-    ('{dota: true}', "no attribute 'dota'"),
-    ('{data: 3}', "'data'"),
-    ('{data: [}', 'not YAML'),
-    ('just text', 'expected'),
-])
+@pytest.mark.parametrize(
+    ('values', 'reason'),
+    [
+        ('{dota: true}', "no attribute 'dota'"),
+        ('{data: 3}', "'data'"),
+        ('{data: [}', 'not YAML'),
+        ('just text', 'expected'),
+    ],
+)
 def test_service_call_refuses_a_bad_request_in_one_line(ros2, values: str, reason: str) -> None:
     result = ros2('service', 'call', '/switch', 'std_srvs/srv/SetBool', values)
     assert (result.returncode, result.stdout) == (1, '')
@@ -165,9 +184,16 @@ def test_what_is_waited_for_in_vain_is_compared_with_what_there_is(environment, 
         'of type std_srvs/srv/SetBool': ['service', 'call', '/switch', 'std_srvs/srv/Empty'],
         'did you mean /run': ['action', 'send_goal', '/runs', CAPTURE],
     }
-    waiting = {said: subprocess.Popen([STAND_IN, *words], env=environment, text=True,
-                                      stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-               for said, words in asked.items()}
+    waiting = {
+        said: subprocess.Popen(
+            [STAND_IN, *words],
+            env=environment,
+            text=True,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+        )
+        for said, words in asked.items()
+    }
     for said, process in waiting.items():
         line = process.stderr.readline()
         process.send_signal(signal.SIGINT)
@@ -177,9 +203,13 @@ def test_what_is_waited_for_in_vain_is_compared_with_what_there_is(environment, 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_service_call_waits_for_a_service_until_interrupted(environment, number) -> None:
-    with subprocess.Popen([STAND_IN, 'service', 'call', '/nowhere', 'std_srvs/srv/Empty'],
-                          env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                          text=True) as process:
+    with subprocess.Popen(
+        [STAND_IN, 'service', 'call', '/nowhere', 'std_srvs/srv/Empty'],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
         assert process.stdout.readline() == 'waiting for service to become available...\n'
         time.sleep(0.5)
         assert process.poll() is None
@@ -199,9 +229,11 @@ def test_nested_fields_arrays_and_types_of_a_request_are_filled(environment) -> 
         'path = JointTrajectory()\n'
         "fill(path, parse('{header: {frame_id: base}, points: [{positions: [1, 2]}]}'))\n"
         "assert path.header.frame_id == 'base'\n"
-        'assert list(path.points[0].positions) == [1.0, 2.0]\n')
-    subprocess.run([sys.executable, '-c', script], cwd=STAND_IN.parent, env=environment, check=True,
-                   timeout=30)
+        'assert list(path.points[0].positions) == [1.0, 2.0]\n'
+    )
+    subprocess.run(
+        [sys.executable, '-c', script], cwd=STAND_IN.parent, env=environment, check=True, timeout=30
+    )
 
 
 def test_topic_list_shows_names_types_and_count(ros2, peer) -> None:
@@ -223,7 +255,8 @@ def test_topic_echo_connects_whatever_quality_is_offered(ros2, peer, topic: str)
 def test_topic_echo_prints_yaml_as_ros2cli_does(ros2, peer) -> None:
     assert ros2('topic', 'echo', '--once', '/joint_states').stdout == (
         "header:\n  stamp:\n    sec: 0\n    nanosec: 0\n  frame_id: ''\n"
-        'name:\n- a1\n- a2\nposition:\n- 0.5\n- -1.0\nvelocity: []\neffort: []\n---\n')
+        'name:\n- a1\n- a2\nposition:\n- 0.5\n- -1.0\nvelocity: []\neffort: []\n---\n'
+    )
 
 
 def test_topic_echo_shows_one_field(ros2, peer) -> None:
@@ -254,8 +287,9 @@ def test_node_list_shows_nodes_but_not_itself(ros2, peer) -> None:
 
 
 def test_topic_hz_prints_the_rate_as_ros2cli_does(environment, peer) -> None:
-    with subprocess.Popen([STAND_IN, 'topic', 'hz', '/chatter'], env=environment,
-                          stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        [STAND_IN, 'topic', 'hz', '/chatter'], env=environment, stdout=subprocess.PIPE, text=True
+    ) as process:
         lines = [process.stdout.readline() for _ in range(4)]
         process.send_signal(signal.SIGINT)
     rate = re.fullmatch(r'average rate: (\d+\.\d{3})\n', lines[2])
@@ -273,22 +307,32 @@ def test_action_list_shows_names_and_types(ros2, peer) -> None:
 
 
 def test_send_goal_prints_feedback_and_result_as_ros2cli_does(ros2, peer) -> None:
-    result = ros2('action', 'send_goal', '--feedback', '/run', CAPTURE,
-                  '{poses_per_sphere: 2, bag: here}')
+    result = ros2(
+        'action', 'send_goal', '--feedback', '/run', CAPTURE, '{poses_per_sphere: 2, bag: here}'
+    )
     assert result.returncode == 0
     steps = re.findall(r'^(?:[A-Z][\w ]*:|\w[^:]*\.\.\.)', result.stdout, re.MULTILINE)
-    assert steps == ['Waiting for an action server to become available...', 'Sending goal:',
-                     'Goal accepted with ID:', 'Feedback:', 'Feedback:', 'Result:',
-                     'Goal finished with status:']
+    assert steps == [
+        'Waiting for an action server to become available...',
+        'Sending goal:',
+        'Goal accepted with ID:',
+        'Feedback:',
+        'Feedback:',
+        'Result:',
+        'Goal finished with status:',
+    ]
     assert result.stdout.endswith('Goal finished with status: SUCCEEDED\n')
     assert "Result:\n    success: true\nmessage: ''\nbag: here\n" in result.stdout
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_goal_is_cancelled_first(environment, peer, number) -> None:
-    with subprocess.Popen([STAND_IN, 'action', 'send_goal', '/run', CAPTURE,
-                           '{poses_per_sphere: 200}'], env=environment, stdout=subprocess.PIPE,
-                          text=True) as process:
+    with subprocess.Popen(
+        [STAND_IN, 'action', 'send_goal', '/run', CAPTURE, '{poses_per_sphere: 200}'],
+        env=environment,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
         while not process.stdout.readline().startswith('Goal accepted'):
             assert process.poll() is None
         process.send_signal(number)
@@ -336,8 +380,10 @@ def test_bag_info_says_what_is_in_a_bag(ros2, bag: Path) -> None:
     assert 'Duration:          1.000000001s' in lines or 'Duration:          1.000000000s' in lines
     assert 'Messages:          3' in lines
     assert 'Storage id:        mcap' in lines
-    assert ('Topic information: Topic: /replayed | Type: std_msgs/msg/String | Count: 3 | '
-            'Serialization Format: cdr') in lines
+    assert (
+        'Topic information: Topic: /replayed | Type: std_msgs/msg/String | Count: 3 | '
+        'Serialization Format: cdr'
+    ) in lines
 
 
 def test_bag_info_says_what_is_wrong_in_one_line(ros2, tmp_path: Path) -> None:
@@ -349,8 +395,17 @@ def test_bag_info_says_what_is_wrong_in_one_line(ros2, tmp_path: Path) -> None:
 
 
 def test_bag_play_publishes_what_was_recorded(environment, ros2, bag: Path) -> None:
-    echo = [STAND_IN, 'topic', 'echo', '/replayed', 'std_msgs/msg/String', '--qos-reliability',
-            'reliable', '--field', 'data']
+    echo = [
+        STAND_IN,
+        'topic',
+        'echo',
+        '/replayed',
+        'std_msgs/msg/String',
+        '--qos-reliability',
+        'reliable',
+        '--field',
+        'data',
+    ]
     with subprocess.Popen(echo, env=environment, stdout=subprocess.PIPE, text=True) as listener:
         time.sleep(1.5)
         assert ros2('bag', 'play', str(bag), '--rate', '2').returncode == 0
@@ -368,8 +423,13 @@ def test_packages_and_their_executables_are_found(ros2) -> None:
 
 def test_interface_show_puts_nested_messages_below_their_field(ros2) -> None:
     shown = ros2('interface', 'show', 'calib_interfaces/msg/ProbingPose', '--no-comments').stdout
-    assert shown.splitlines()[:5] == ['std_msgs/Header header', '\tbuiltin_interfaces/Time stamp',
-                                      '\t\tint32 sec', '\t\tuint32 nanosec', '\tstring frame_id']
+    assert shown.splitlines()[:5] == [
+        'std_msgs/Header header',
+        '\tbuiltin_interfaces/Time stamp',
+        '\t\tint32 sec',
+        '\t\tuint32 nanosec',
+        '\tstring frame_id',
+    ]
 
 
 @pytest.mark.parametrize('words', [(), ('--help',), ('topic',), ('service', 'call', '-h')])
@@ -387,9 +447,17 @@ def test_every_verb_has_an_example_of_itself(environment) -> None:
         '    if not found.ispkg:\n'
         '        verb = __import__(found.name, fromlist=["EXAMPLE"])\n'
         '        words = found.name.removeprefix("standin.verbs.").replace(".", " ")\n'
-        '        print(found.name, verb.EXAMPLE.startswith("ros2 " + words))\n')
-    told = subprocess.run([sys.executable, '-c', script], cwd=STAND_IN.parent, env=environment,
-                          check=True, capture_output=True, text=True, timeout=30).stdout
+        '        print(found.name, verb.EXAMPLE.startswith("ros2 " + words))\n'
+    )
+    told = subprocess.run(
+        [sys.executable, '-c', script],
+        cwd=STAND_IN.parent,
+        env=environment,
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=30,
+    ).stdout
     assert told.count('True') >= 19
     assert 'False' not in told
 

@@ -14,10 +14,10 @@ from calib_bringup.processes import Child, Children, graph_environment
 
 POLICY = Path(__file__).parents[1] / 'ros2_ws/src/calib_bringup/security/policy.xml'
 NODES = {
-    'arm': ('calib_capture.arm_node', ['--ros-args', '-p', 'time_scale:=0.0']),
-    'probe': ('selfcenter_probe.probe_node', []),
-    'capture': ('calib_capture.capture_node', ['--ros-args', '-p', 'serve:=true']),
-    'solver': ('calib_solver.solver_node', []),
+    'arm': ('calib_capture.nodes.arm_node', ['--ros-args', '-p', 'time_scale:=0.0']),
+    'probe': ('selfcenter_probe.nodes.probe_node', []),
+    'capture': ('calib_capture.nodes.capture_node', ['--ros-args', '-p', 'serve:=true']),
+    'solver': ('calib_solver.nodes.solver_node', []),
 }
 #: what an action is made of
 ACTION_SERVICES = ('send_goal', 'cancel_goal', 'get_result')
@@ -87,9 +87,11 @@ def allowed(name: str) -> set[Right]:
     assert profile is not None, f'no profile of {name}'
     return {
         (group.tag, way, str(one.text))
-        for group in profile for way, verdict in group.attrib.items() for one in group
+        for group in profile
+        for way, verdict in group.attrib.items()
+        for one in group
         if verdict == 'ALLOW'
-    }  # fmt: skip
+    }
 
 
 #: what a node does only while a capture is under way, which none is here

@@ -36,8 +36,13 @@ def script(path: Path, line: str) -> None:
 
 def preflight(commands: Path, **variables: str) -> subprocess.CompletedProcess[str]:
     environment = {'PATH': str(commands), **variables}
-    return subprocess.run([shutil.which('bash'), PREFLIGHT], env=environment, capture_output=True,
-                          text=True, timeout=30)
+    return subprocess.run(
+        [shutil.which('bash'), PREFLIGHT],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=30,
+    )
 
 
 def only_line(result: subprocess.CompletedProcess[str]) -> str:
@@ -71,8 +76,9 @@ def test_a_compiler_that_does_not_work_is_one_line(commands: Path) -> None:
 
 def test_missing_python_headers_are_one_line(commands: Path) -> None:
     compiler = shutil.which('c++')
-    script(commands / 'c++',
-           f'PATH={Path(compiler).parent} exec {compiler} "${{@/#\\/*/\\/nowhere}}"')
+    script(
+        commands / 'c++', f'PATH={Path(compiler).parent} exec {compiler} "${{@/#\\/*/\\/nowhere}}"'
+    )
     assert 'no Python.h' in only_line(preflight(commands))
 
 
@@ -95,8 +101,9 @@ def test_a_python_that_only_fails_is_passed_over(commands: Path) -> None:
 def test_a_complete_python_is_preferred(commands: Path) -> None:
     base_python = Path(sys.base_prefix, 'bin', f'python3.{sys.version_info[1]}')
     (commands / 'python3').rename(commands / 'python3.12')
-    script(commands / 'python3',
-           f'case "$2" in *ensurepip*) exit 1 ;; esac; exec {base_python} "$@"')
+    script(
+        commands / 'python3', f'case "$2" in *ensurepip*) exit 1 ;; esac; exec {base_python} "$@"'
+    )
     assert preflight(commands).stdout == f'{commands}/python3.12\n'
 
 
@@ -107,8 +114,9 @@ def test_the_python_asked_for_by_name_is_the_only_one_tried(commands: Path) -> N
 
 def test_a_python_without_venv_is_one_line(commands: Path) -> None:
     base_python = Path(sys.base_prefix, 'bin', f'python3.{sys.version_info[1]}')
-    script(commands / 'python3',
-           f'case "$2" in *ensurepip*) exit 1 ;; esac; exec {base_python} "$@"')
+    script(
+        commands / 'python3', f'case "$2" in *ensurepip*) exit 1 ;; esac; exec {base_python} "$@"'
+    )
     assert 'python3-venv' in only_line(preflight(commands))
 
 
@@ -125,7 +133,8 @@ def test_an_old_or_other_c_library_is_one_line(commands: Path, answer: str) -> N
 
 
 def test_nothing_is_made_or_downloaded_where_something_is_missing(
-        commands: Path, tmp_path: Path) -> None:
+    commands: Path, tmp_path: Path
+) -> None:
     clone = tmp_path / 'clone'
     (clone / 'tools').mkdir(parents=True)
     for name in ('Makefile', 'requirements.txt', 'tools/setup.sh', 'tools/preflight.sh'):
@@ -133,8 +142,14 @@ def test_nothing_is_made_or_downloaded_where_something_is_missing(
     (commands / 'c++').unlink()
     for name in ('dirname', 'cat'):
         (commands / name).symlink_to(shutil.which(name))
-    result = subprocess.run([shutil.which('make')], cwd=clone, env={'PATH': str(commands)},
-                            capture_output=True, text=True, timeout=30)
+    result = subprocess.run(
+        [shutil.which('make')],
+        cwd=clone,
+        env={'PATH': str(commands)},
+        capture_output=True,
+        text=True,
+        timeout=30,
+    )
     assert result.returncode != 0
     assert 'preflight: no C++ compiler' in result.stderr
     assert not (clone / '.venv').exists()
@@ -142,16 +157,24 @@ def test_nothing_is_made_or_downloaded_where_something_is_missing(
 
 def sourced(command: str, cwd: Path, **variables: str) -> subprocess.CompletedProcess[str]:
     environment = {'PATH': '/usr/local/bin:/usr/bin:/bin', 'HOME': str(cwd), **variables}
-    return subprocess.run([shutil.which('bash'), '-c', command], cwd=cwd, env=environment,
-                          capture_output=True, text=True, timeout=60)
+    return subprocess.run(
+        [shutil.which('bash'), '-c', command],
+        cwd=cwd,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
 
 
 ENV = f'source {ROOT}/env.bash'
 
 
 def test_env_works_from_any_folder_and_in_a_strict_shell(tmp_path: Path) -> None:
-    result = sourced(f'set -eu; {ENV}; echo $-; python -c "import rclpy, calib_interfaces.msg"; '
-                     'command -v ros2', tmp_path)
+    result = sourced(
+        f'set -eu; {ENV}; echo $-; python -c "import rclpy, calib_interfaces.msg"; command -v ros2',
+        tmp_path,
+    )
     assert (result.returncode, result.stderr) == (0, '')
     flags, _ros2 = result.stdout.split()
     assert {'e', 'u'} <= set(flags)
@@ -171,8 +194,12 @@ def test_env_leaves_no_names_of_its_own(tmp_path: Path) -> None:
 
 
 def test_env_keeps_what_the_user_has_chosen(tmp_path: Path) -> None:
-    result = sourced(f'{ENV}; echo $ROS_AUTOMATIC_DISCOVERY_RANGE $RMW_IMPLEMENTATION', tmp_path,
-                     ROS_AUTOMATIC_DISCOVERY_RANGE='SUBNET', RMW_IMPLEMENTATION='rmw_other')
+    result = sourced(
+        f'{ENV}; echo $ROS_AUTOMATIC_DISCOVERY_RANGE $RMW_IMPLEMENTATION',
+        tmp_path,
+        ROS_AUTOMATIC_DISCOVERY_RANGE='SUBNET',
+        RMW_IMPLEMENTATION='rmw_other',
+    )
     assert result.stdout == 'SUBNET rmw_other\n'
     assert sourced(f'{ENV}; echo $ROS_AUTOMATIC_DISCOVERY_RANGE', tmp_path).stdout == 'LOCALHOST\n'
 

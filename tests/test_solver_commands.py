@@ -7,21 +7,21 @@ import json
 import resource
 import shutil
 import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / 'ros2_ws' / 'src' / 'calib_solver' / 'test'))
 
-import result_schema  # noqa: E402
-from simulated_calibration import active, kr5, simulate  # noqa: E402
+import result_schema
+from simulated_calibration import active, kr5, simulate
 
-from calib_model.bag import write_measurement  # noqa: E402
-from calib_model.bag_writer import BagWriter  # noqa: E402
-from calib_model.description import arm_yaml  # noqa: E402
+from calib_model.bags import (
+    BagWriter,
+    write_measurement,
+)
+from calib_model.descriptions import arm_yaml
 
 TIMEOUT = 30
 FILES = ('result.json', 'arm.yaml', 'probe.yaml', 'arm.urdf')
@@ -45,9 +45,13 @@ def ros2_run(environment):
     def run(*words, **keywords):
         return subprocess.run(
             [ros2, 'run', 'calib_solver', *map(str, words)],
-            env=environment, capture_output=True, text=True, timeout=TIMEOUT, check=False,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=TIMEOUT,
+            check=False,
             **keywords,
-        )  # fmt: skip
+        )
 
     return run
 
@@ -107,9 +111,18 @@ def test_identify_writes_what_the_contract_lists_and_prints_the_table(ros2_run, 
 
 def test_two_bags_and_options_in_any_order_make_one_calibration(ros2_run, files, tmp_path):
     done = ros2_run(
-        'identify', '--fix', 'd*', files / 'bag', files / 'test', '--objective', 'position',
-        '--prior', 'none', '--output', tmp_path,
-    )  # fmt: skip
+        'identify',
+        '--fix',
+        'd*',
+        files / 'bag',
+        files / 'test',
+        '--objective',
+        'position',
+        '--prior',
+        'none',
+        '--output',
+        tmp_path,
+    )
     assert done.returncode == 0, done.stderr
     record = json.loads((tmp_path / 'result.json').read_text())
     assert record['objective'] == 'position'
@@ -127,9 +140,15 @@ def test_the_report_s_figures_are_drawn_as_pictures_where_they_are_asked_for(
     ros2_run, files, tmp_path
 ):
     done = ros2_run(
-        'identify', files / 'bag', '--test', files / 'test', '--figures', tmp_path / 'pictures',
-        '--output', tmp_path / 'out',
-    )  # fmt: skip
+        'identify',
+        files / 'bag',
+        '--test',
+        files / 'test',
+        '--figures',
+        tmp_path / 'pictures',
+        '--output',
+        tmp_path / 'out',
+    )
     assert done.returncode == 0, done.stderr
     report = (tmp_path / 'out' / 'report.html').read_text()
     drawn = sorted((tmp_path / 'pictures').iterdir())
@@ -146,10 +165,13 @@ BAD = {
     'a file that is no bag': (['{}/no_bag.mcap'], 'no_bag.mcap'),
     'a bag without the topics': (['{}/no_topics'], 'no_topics', '/capture/poses'),
     'a YAML with a missing key': (
-        ['{}/bag', '--arm', '{}/lacks_joints.yaml'], 'lacks_joints.yaml', "missing key 'joints'",
+        ['{}/bag', '--arm', '{}/lacks_joints.yaml'],
+        'lacks_joints.yaml',
+        "missing key 'joints'",
     ),
     'a YAML with a missing key in a joint': (
-        ['{}/bag', '--arm', '{}/lacks_alpha.yaml'], "joints[1]: missing key 'alpha'",
+        ['{}/bag', '--arm', '{}/lacks_alpha.yaml'],
+        "joints[1]: missing key 'alpha'",
     ),
     'a YAML that is not there': (['{}/bag', '--gauge', '{}/no.yaml'], 'no.yaml: cannot be read'),
     'a YAML of something else': (['{}/bag', '--probe', '{}/five_joints.yaml'], 'five_joints.yaml'),
@@ -157,7 +179,7 @@ BAD = {
     'an unknown option': (['{}/bag', '--iterations', '3'], '--iterations', '--help'),
     'an option without its value': (['{}/bag', '--arm'], '--arm', '--help'),
     'no bag': ([], 'BAG', '--help'),
-}  # fmt: skip
+}
 BAD_FOR_IDENTIFY = {
     'an unknown objective': (['{}/bag', '--objective', 'eq_11'], 'eq_11', 'distance, position'),
     'a file as the output': (['{}/bag', '--output', '{}/taken'], 'taken: results cannot be'),
@@ -204,9 +226,13 @@ def test_a_disk_without_space_leaves_what_was_there(ros2_run, files, tmp_path):
 def test_a_reader_that_goes_away_is_no_error(environment, files):
     command = f'set -o pipefail; ros2 run calib_solver evaluate {files}/bag | head -n 1'
     done = subprocess.run(
-        ['bash', '-c', command], env=environment, capture_output=True, text=True, timeout=TIMEOUT,
+        ['bash', '-c', command],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT,
         check=False,
-    )  # fmt: skip
+    )
     assert done.returncode == 0
     assert (done.stdout, done.stderr) == ('{\n', '')
 

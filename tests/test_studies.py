@@ -4,16 +4,14 @@
 from __future__ import annotations
 
 import re
-import sys
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
 
-from studies.running import RESULTS, findings, written  # noqa: E402
+from studies.running import RESULTS, findings, written
 
 MAKEFILE = (ROOT / 'Makefile').read_text(encoding='utf-8')
 STUDIES = [

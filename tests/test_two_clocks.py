@@ -8,23 +8,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib_capture.led_note import LedNote
-from calib_capture.moving import MovingSettings
-from calib_capture.pair import pair_led
-from calib_capture.repeat import read_raw
-from calib_capture.repeat_led import RepeatedLed
-from calib_model import cdr
-from calib_model.bag import write_descriptions
-from calib_model.bag_writer import BagWriter
-from calib_model.clock_offset import ClockEstimate
-from calib_model.pairing import JointSample, Reading
+from calib_capture.commands.pair import pair_led
+from calib_capture.recording import LedNote
+from calib_capture.replaying import RepeatedLed, read_raw
+from calib_model.bags import BagWriter, cdr, write_descriptions
+from calib_model.pairing import ClockEstimate, JointSample, MovingSettings, Reading
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
 from calib_solver.identification import identify
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
-from selfcenter_probe.hand_motion import MotionSettings, guided
-from selfcenter_probe.hand_reading import HandGuided, RawStretch
-from selfcenter_probe.hand_scene import Scene, read_scene
+from selfcenter_probe.operator import (
+    HandGuided,
+    MotionSettings,
+    RawStretch,
+    Scene,
+    guided,
+    read_scene,
+)
 
 CONFIG = Path(__file__).resolve().parents[1] / 'ros2_ws/src/calib_bringup/config'
 WORLD = CONFIG.parents[1] / 'selfcenter_probe/config/world_faro.yaml'
@@ -36,8 +36,11 @@ pytestmark = pytest.mark.timeout(120)
 
 @pytest.fixture(scope='module')
 def scene() -> Scene:
-    files = {'arm': 'arms/faro_sterling', 'gauge': 'gauges/ball_bar_1500', 'placements':
-             'locations/faro'}  # fmt: skip
+    files = {
+        'arm': 'arms/faro_sterling',
+        'gauge': 'gauges/ball_bar_1500',
+        'placements': 'locations/faro',
+    }
     paths: dict[str, Path | None] = {key: CONFIG / f'{file}.yaml' for key, file in files.items()}
     return read_scene(str(CONFIG / 'probes/active_trihedron_faro.yaml'), {**paths, 'world': WORLD})
 
@@ -130,8 +133,9 @@ def test_corrected_joints_are_those_of_the_right_instant(paired):
     off = {
         shift: np.abs(
             np.transpose([np.interp(poses.stamp + shift, at, q) for q in columns]) - poses.joints
-        ).max() for shift in (0, BEHIND)
-    }  # fmt: skip
+        ).max()
+        for shift in (0, BEHIND)
+    }
     assert off[BEHIND] < 1e-3 < 5e-3 < off[0]
 
 
@@ -141,9 +145,9 @@ def test_the_calibration_is_as_good_as_by_one_clock(paired):
     for how, (own, other) in sets.items():
         done = identify(own)
         quality = assess(Problem.of(other), done.arm, done.probe)
-        held_out[how] = np.array([
-            quality.spheres.two_sigma.mean(), np.sqrt((quality.distance**2).mean())
-        ])  # fmt: skip
+        held_out[how] = np.array(
+            [quality.spheres.two_sigma.mean(), np.sqrt((quality.distance**2).mean())]
+        )
     print({how: np.round(each * 1e3, 4).tolist() for how, each in held_out.items()})
     assert (held_out['one clock'] < 2e-4).all()
     assert (held_out['corrected'] < 1.1 * held_out['one clock'] + 5e-6).all()

@@ -4,6 +4,7 @@
 Says what it found, a line each, and never fails a build: a database's news of tomorrow must not
 break what was right today. Where the database cannot be reached it says so.
 """
+
 import json
 import re
 import urllib.error
@@ -24,10 +25,13 @@ def pinned() -> list[tuple[str, str]]:
 
 def known(packages: list[tuple[str, str]]) -> list[list[str]]:
     """For each package the identifiers of its known vulnerabilities."""
-    queries = [{'package': {'name': name, 'ecosystem': 'PyPI'}, 'version': version}
-               for name, version in packages]
-    request = urllib.request.Request(DATABASE, json.dumps({'queries': queries}).encode(),
-                                     {'Content-Type': 'application/json'})
+    queries = [
+        {'package': {'name': name, 'ecosystem': 'PyPI'}, 'version': version}
+        for name, version in packages
+    ]
+    request = urllib.request.Request(
+        DATABASE, json.dumps({'queries': queries}).encode(), {'Content-Type': 'application/json'}
+    )
     with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
         results = json.load(answer)['results']
     return [[one['id'] for one in result.get('vulns', [])] for result in results]

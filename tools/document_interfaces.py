@@ -60,9 +60,10 @@ def help_of(name: str, module: str) -> str:
 def without_this_machine(text: str) -> str:
     """The same with the folders that are defaults here named instead of told."""
     for path, name in (
-        (os.getcwd(), 'the working folder'), (tempfile.gettempdir(), 'the temporary folder'),
+        (os.getcwd(), 'the working folder'),
+        (tempfile.gettempdir(), 'the temporary folder'),
         (str(Path.home()), "the user's home"),
-    ):  # fmt: skip
+    ):
         text = text.replace(f"'{path}'", name)
     return re.sub(r'\A(usage: .*?)\n\n', '', text, flags=re.DOTALL)  # wrapped by Python's version
 

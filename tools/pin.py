@@ -8,6 +8,7 @@ dropped 3.10 is pinned to the last release with wheels for all. What only some i
 gets a marker. Each line carries the SHA-256 of the files that may be installed for it, so pip
 refuses anything else.
 """
+
 import json
 import subprocess
 import sys
@@ -31,9 +32,24 @@ def resolve(python: str, sources: list[Path], limits: dict[str, str]) -> dict[st
         constraints.write_text(''.join(f'{n}=={v}\n' for n, v in limits.items()))
         files = [part for source in sources for part in ('-r', str(source))]
         subprocess.run(
-            [python, '-m', 'pip', 'install', '--dry-run', '--quiet', '--ignore-installed',
-             '--only-binary', ':all:', '--no-binary', SOURCE_ONLY,
-             '--report', str(report), '-c', str(constraints), *files],
+            [
+                python,
+                '-m',
+                'pip',
+                'install',
+                '--dry-run',
+                '--quiet',
+                '--ignore-installed',
+                '--only-binary',
+                ':all:',
+                '--no-binary',
+                SOURCE_ONLY,
+                '--report',
+                str(report),
+                '-c',
+                str(constraints),
+                *files,
+            ],
             check=True,
         )
         installs = json.loads(report.read_text())['install']
@@ -42,8 +58,9 @@ def resolve(python: str, sources: list[Path], limits: dict[str, str]) -> dict[st
 
 def minor(python: str) -> str:
     line = 'import sys; print("%d.%d" % sys.version_info[:2])'
-    return subprocess.run([python, '-c', line], check=True, capture_output=True,
-                          text=True).stdout.strip()
+    return subprocess.run(
+        [python, '-c', line], check=True, capture_output=True, text=True
+    ).stdout.strip()
 
 
 def marked(name: str, by_minor: dict[str, dict[str, str]]) -> str:
@@ -59,8 +76,12 @@ def marked(name: str, by_minor: dict[str, dict[str, str]]) -> str:
 def installable(minors: list[str]) -> set[Tag]:
     """Tags of the wheels that those CPythons take on Linux x86_64."""
     platforms = [f'manylinux_2_{n}_x86_64' for n in range(5, 40)]
-    platforms += ['manylinux2014_x86_64', 'manylinux2010_x86_64', 'manylinux1_x86_64',
-                  'linux_x86_64']
+    platforms += [
+        'manylinux2014_x86_64',
+        'manylinux2010_x86_64',
+        'manylinux1_x86_64',
+        'linux_x86_64',
+    ]
     tags: set[Tag] = set()
     for text in minors:
         version = tuple(int(part) for part in text.split('.'))
@@ -72,7 +93,8 @@ def installable(minors: list[str]) -> set[Tag]:
 def hashes(name: str, version: str, tags: set[Tag]) -> list[str]:
     """SHA-256 of the files of one release that may be installed, from the index."""
     request = urllib.request.Request(
-        f'{INDEX}/{name}/', headers={'Accept': 'application/vnd.pypi.simple.v1+json'})
+        f'{INDEX}/{name}/', headers={'Accept': 'application/vnd.pypi.simple.v1+json'}
+    )
     with urllib.request.urlopen(request, timeout=60) as answer:
         files = json.load(answer)['files']
     return sorted(f['hashes']['sha256'] for f in files if taken(f['filename'], name, version, tags))

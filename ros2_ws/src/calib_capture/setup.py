@@ -1,29 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-from pathlib import Path
-
 from setuptools import find_packages, setup
 
 PACKAGE = 'calib_capture'
-
-
-def shared(*folders: str) -> list[tuple[str, list[str]]]:
-    """Every file under `folders`, to be installed in the same place under share/."""
-    found: dict[str, list[str]] = {}
-    for folder in folders:
-        for path in sorted(Path(folder).rglob('*')):
-            if path.is_file() and '__pycache__' not in path.parts:
-                found.setdefault(f'share/{PACKAGE}/{path.parent}', []).append(str(path))
-    return list(found.items())
 
 
 setup(
     name=PACKAGE,
     version='0.1.0',
     packages=find_packages(exclude=['test']),
+    package_data={PACKAGE: ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
-        *shared('config', 'launch', 'data'),
     ],
     install_requires=['setuptools'],
     zip_safe=False,
@@ -33,13 +21,13 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'arm = calib_capture.arm_node:main',
-            'capture = calib_capture.capture_node:main',
-            'plan = calib_capture.plan:main',
-            'replay = calib_capture.replay_node:main',
-            'import_csv = calib_capture.import_csv:main',
-            'recover = calib_capture.recover:main',
-            'pair = calib_capture.pair:main',
+            'arm = calib_capture.nodes.arm_node:main',
+            'capture = calib_capture.nodes.capture_node:main',
+            'plan = calib_capture.commands.plan:main',
+            'replay = calib_capture.nodes.replay_node:main',
+            'import_csv = calib_capture.commands.import_csv:main',
+            'recover = calib_capture.commands.recover:main',
+            'pair = calib_capture.commands.pair:main',
         ],
     },
 )

@@ -1,29 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-from pathlib import Path
-
 from setuptools import find_packages, setup
 
 PACKAGE = 'calib_model'
-
-
-def shared(*folders: str) -> list[tuple[str, list[str]]]:
-    """Every file under `folders`, to be installed in the same place under share/."""
-    found: dict[str, list[str]] = {}
-    for folder in folders:
-        for path in sorted(Path(folder).rglob('*')):
-            if path.is_file() and '__pycache__' not in path.parts:
-                found.setdefault(f'share/{PACKAGE}/{path.parent}', []).append(str(path))
-    return list(found.items())
 
 
 setup(
     name=PACKAGE,
     version='0.1.0',
     packages=find_packages(exclude=['test']),
+    package_data={PACKAGE: ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
-        *shared('config', 'launch', 'data'),
     ],
     install_requires=['setuptools'],
     zip_safe=False,
@@ -33,7 +21,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'arm_from_urdf = calib_model.arm_from_urdf:main',
+            'arm_from_urdf = calib_model.commands.arm_from_urdf:main',
         ],
     },
 )

@@ -6,24 +6,14 @@ from setuptools import Extension, find_packages, setup
 PACKAGE = 'calib_solver'
 
 
-def shared(*folders: str) -> list[tuple[str, list[str]]]:
-    """Every file under `folders`, to be installed in the same place under share/."""
-    found: dict[str, list[str]] = {}
-    for folder in folders:
-        for path in sorted(Path(folder).rglob('*')):
-            if path.is_file() and '__pycache__' not in path.parts:
-                found.setdefault(f'share/{PACKAGE}/{path.parent}', []).append(str(path))
-    return list(found.items())
-
-
 def kernel() -> list[Extension]:
     """The compiled inner loop; without a compiler the package installs without it."""
-    source = Path(PACKAGE, '_kernel.c')
+    source = Path(PACKAGE, 'problem', '_kernel.c')
     if not source.exists():
         return []
     return [
         Extension(
-            f'{PACKAGE}._kernel',
+            f'{PACKAGE}.problem._kernel',
             [str(source)],
             depends=[str(source.with_name('_kernel_pass.h'))],
             extra_compile_args=['-O3'],
@@ -36,10 +26,10 @@ setup(
     name=PACKAGE,
     version='0.1.0',
     packages=find_packages(exclude=['test']),
+    package_data={PACKAGE: ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
-        *shared('config', 'launch', 'data'),
     ],
     ext_modules=kernel(),
     install_requires=['setuptools'],
@@ -50,11 +40,11 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'solver = calib_solver.solver_node:main',
-            'identify = calib_solver.identify:main',
-            'evaluate = calib_solver.evaluate:main',
-            'compensate = calib_solver.compensate:main',
-            'kuka_figures = calib_solver.kuka_figures:main',
+            'solver = calib_solver.nodes.solver_node:main',
+            'identify = calib_solver.commands.identify:main',
+            'evaluate = calib_solver.commands.evaluate:main',
+            'compensate = calib_solver.commands.compensate:main',
+            'kuka_figures = calib_solver.commands.kuka_figures:main',
         ],
     },
 )

@@ -1,29 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-from pathlib import Path
+from glob import glob
 
 from setuptools import find_packages, setup
 
 PACKAGE = 'selfcenter_probe'
 
 
-def shared(*folders: str) -> list[tuple[str, list[str]]]:
-    """Every file under `folders`, to be installed in the same place under share/."""
-    found: dict[str, list[str]] = {}
-    for folder in folders:
-        for path in sorted(Path(folder).rglob('*')):
-            if path.is_file() and '__pycache__' not in path.parts:
-                found.setdefault(f'share/{PACKAGE}/{path.parent}', []).append(str(path))
-    return list(found.items())
-
-
 setup(
     name=PACKAGE,
     version='0.1.0',
     packages=find_packages(exclude=['test']),
+    package_data={PACKAGE: ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
-        *shared('config', 'launch', 'data'),
+        (f'share/{PACKAGE}/config', sorted(glob('config/*.yaml'))),
     ],
     install_requires=['setuptools'],
     zip_safe=False,
@@ -33,9 +24,9 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
-            'probe = selfcenter_probe.probe_node:main',
-            'hand_guided = selfcenter_probe.hand_guided:main',
-            'operator = selfcenter_probe.operator_node:main',
+            'probe = selfcenter_probe.nodes.probe_node:main',
+            'hand_guided = selfcenter_probe.commands.hand_guided:main',
+            'operator = selfcenter_probe.nodes.operator_node:main',
         ],
     },
 )

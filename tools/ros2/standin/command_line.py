@@ -18,8 +18,10 @@ from types import ModuleType
 from . import verbs
 from .nearest import nearest
 
-ELSEWHERE = {'launch': 'launch files need a full ROS 2 install; `ros2 run calib_bringup demo` runs '
-                       'the demo, `ros2 pkg executables` lists the nodes'}
+ELSEWHERE = {
+    'launch': 'launch files need a full ROS 2 install; `ros2 run calib_bringup demo` runs '
+    'the demo, `ros2 pkg executables` lists the nodes'
+}
 
 
 class Interrupted(Exception):
@@ -77,9 +79,12 @@ def main(argv: list[str]) -> int:
         return chosen
     program, verb, rest = chosen
     os.environ.setdefault('ROS_PYTHON_CHECK_FIELDS', '1')  # messages check what is put into them
-    parser = argparse.ArgumentParser(prog=program, description=first_line(verb),
-                                     epilog=f'example:\n  {verb.EXAMPLE}',
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        prog=program,
+        description=first_line(verb),
+        epilog=f'example:\n  {verb.EXAMPLE}',
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     verb.add_arguments(parser)
     args = parser.parse_args(rest)
     if isinstance(sys.stdout, io.TextIOWrapper):

@@ -42,8 +42,10 @@ def fill(message: Any, values: dict[str, Any]) -> None:
     slots = dict(zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True))
     for name, value in values.items():
         if name not in slots:
-            raise Refusal(f"Failed to populate field: '{type(message).__name__}' object has no "
-                          f"attribute '{name}'")
+            raise Refusal(
+                f"Failed to populate field: '{type(message).__name__}' object has no "
+                f"attribute '{name}'"
+            )
         try:
             setattr(message, name, converted(value, getattr(message, name), slots[name]))
         except (AssertionError, TypeError, ValueError) as error:
@@ -77,8 +79,10 @@ def element(slot: Any, values: Any) -> Any:
 def plain(value: Any, truncate: int | None) -> Any:
     """`value` as YAML can write it; with `truncate`, long lists and texts end in '...'."""
     if hasattr(value, 'get_fields_and_field_types'):
-        return {name: plain(getattr(value, name), truncate)
-                for name in value.get_fields_and_field_types()}
+        return {
+            name: plain(getattr(value, name), truncate)
+            for name in value.get_fields_and_field_types()
+        }
     if isinstance(value, (str, bytes)):
         text = value if isinstance(value, str) else list(value)
         if truncate is not None and len(text) > truncate:
@@ -94,6 +98,11 @@ def plain(value: Any, truncate: int | None) -> Any:
 
 
 def as_yaml(message: Any, truncate: int | None = None, flow: bool = False) -> str:
-    text = yaml.safe_dump(plain(message, truncate), sort_keys=False, allow_unicode=True,
-                          width=sys.maxsize, default_flow_style=flow)
+    text = yaml.safe_dump(
+        plain(message, truncate),
+        sort_keys=False,
+        allow_unicode=True,
+        width=sys.maxsize,
+        default_flow_style=flow,
+    )
     return str(text)

@@ -25,10 +25,18 @@ NamesAndTypes = list[tuple[str, list[str]]]
 
 
 def add_discovery_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--spin-time', type=float, default=1.0, metavar='SPIN_TIME',
-                        help='Spin time in seconds to wait for discovery')
-    parser.add_argument('--no-daemon', action='store_true',
-                        help='Accepted for likeness: there is never a daemon here')
+    parser.add_argument(
+        '--spin-time',
+        type=float,
+        default=1.0,
+        metavar='SPIN_TIME',
+        help='Spin time in seconds to wait for discovery',
+    )
+    parser.add_argument(
+        '--no-daemon',
+        action='store_true',
+        help='Accepted for likeness: there is never a daemon here',
+    )
 
 
 class Signals:
@@ -71,8 +79,9 @@ def graph_node(purpose: str = 'node', spin_time: float = 0.0) -> Iterator[Node]:
     # rclpy's own handlers end the context at once; here a goal may have to be cancelled first.
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     _signals.listen()
-    node = rclpy.create_node(f'_ros2cli_{purpose}_{os.getpid()}', start_parameter_services=False,
-                             enable_rosout=False)
+    node = rclpy.create_node(
+        f'_ros2cli_{purpose}_{os.getpid()}', start_parameter_services=False, enable_rosout=False
+    )
     try:
         wait_until(node, lambda: False, spin_time)
         if spin_time and not node_names(node):
@@ -106,8 +115,12 @@ def wait_for(node: Node, find: Callable[[], Sequence[Any]], seconds: float) -> b
 
 
 def wait_for_server(
-    node: Node, ready: Callable[[], bool], name: str, kind: str,
-    wanted: str, listed: Callable[[], NamesAndTypes],
+    node: Node,
+    ready: Callable[[], bool],
+    name: str,
+    kind: str,
+    wanted: str,
+    listed: Callable[[], NamesAndTypes],
 ) -> None:
     """Wait for a service or an action for as long as it takes; say once what there is instead."""
     if wait_until(node, ready, PATIENCE):
@@ -128,14 +141,19 @@ def answer(node: Node, future: Any) -> Any:
 
 def node_names(node: Node, include_hidden: bool = False) -> list[str]:
     """Full names of the running nodes."""
-    return sorted(f'{space.rstrip("/")}/{name}'
-                  for name, space in node.get_node_names_and_namespaces()
-                  if include_hidden or not name.startswith('_'))
+    return sorted(
+        f'{space.rstrip("/")}/{name}'
+        for name, space in node.get_node_names_and_namespaces()
+        if include_hidden or not name.startswith('_')
+    )
 
 
 def visible(names_and_types: NamesAndTypes, include_hidden: bool) -> NamesAndTypes:
-    return [(name, types) for name, types in names_and_types
-            if include_hidden or not topic_or_service_is_hidden(name)]
+    return [
+        (name, types)
+        for name, types in names_and_types
+        if include_hidden or not topic_or_service_is_hidden(name)
+    ]
 
 
 def print_names(names_and_types: NamesAndTypes, show_types: bool, count_only: bool) -> None:

@@ -38,7 +38,9 @@ def full_name(name: str, kind: str) -> str:
 def installed(package: str, kind: str) -> list[str]:
     """Names of a package's interfaces of a kind; where there is no such package, of all of them."""
     known = get_resources('rosidl_interfaces')
-    return [f'{name}/{kind}/{Path(line).stem}'
-            for name in ([package] if package in known else known)
-            for line in get_resource('rosidl_interfaces', name)[0].splitlines()
-            if line.startswith(f'{kind}/') and line.endswith(f'.{kind}')]
+    return [
+        f'{name}/{kind}/{Path(line).stem}'
+        for name in ([package] if package in known else known)
+        for line in get_resource('rosidl_interfaces', name)[0].splitlines()
+        if line.startswith(f'{kind}/') and line.endswith(f'.{kind}')
+    ]

@@ -14,9 +14,13 @@ from .nearest import nearest
 def add_node_arguments(parser: argparse.ArgumentParser, nargs: str | None = None) -> None:
     add_discovery_arguments(parser)
     parser.add_argument('node_name', nargs=nargs, help='Name of the ROS node')
-    parser.add_argument('--timeout', metavar='N', type=float, default=3.0,
-                        help='Wait for N seconds until node becomes available '
-                             '(default %(default)s sec)')
+    parser.add_argument(
+        '--timeout',
+        metavar='N',
+        type=float,
+        default=3.0,
+        help='Wait for N seconds until node becomes available (default %(default)s sec)',
+    )
 
 
 def parameters_of(node: Node, name: str, timeout: float) -> AsyncParameterClient:
@@ -30,6 +34,5 @@ def parameters_of(node: Node, name: str, timeout: float) -> AsyncParameterClient
         raise Refusal(f'Node not found{nearest(name, node_names(node))}')
     client = AsyncParameterClient(node, name)
     if not wait_until(node, client.services_are_ready, 5.0):
-        raise Refusal('Wait for service timed out waiting for parameter services for node '
-                      f'{name}')
+        raise Refusal(f'Wait for service timed out waiting for parameter services for node {name}')
     return client

@@ -18,14 +18,23 @@ from .nearest import nearest
 
 
 def add_qos_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--qos-profile', default='sensor_data',
-                        choices=QoSPresetProfiles.short_keys(),
-                        help='Quality of service preset profile to subscribe with')
+    parser.add_argument(
+        '--qos-profile',
+        default='sensor_data',
+        choices=QoSPresetProfiles.short_keys(),
+        help='Quality of service preset profile to subscribe with',
+    )
     parser.add_argument('--qos-depth', metavar='N', type=int, help='Queue size setting')
-    parser.add_argument('--qos-reliability', choices=ReliabilityPolicy.short_keys(),
-                        help='Quality of service reliability setting')
-    parser.add_argument('--qos-durability', choices=DurabilityPolicy.short_keys(),
-                        help='Quality of service durability setting')
+    parser.add_argument(
+        '--qos-reliability',
+        choices=ReliabilityPolicy.short_keys(),
+        help='Quality of service reliability setting',
+    )
+    parser.add_argument(
+        '--qos-durability',
+        choices=DurabilityPolicy.short_keys(),
+        help='Quality of service durability setting',
+    )
 
 
 def topic_type(node: Node, topic: str, given: str | None) -> Any:
@@ -39,11 +48,14 @@ def topic_type(node: Node, topic: str, given: str | None) -> Any:
     known = dict(node.get_topic_names_and_types())
     types = known.get(topic, [])
     if not types:
-        raise Refusal(f'WARNING: topic [{topic}] does not appear to be published yet\n'
-                      f'Could not determine the type for the passed topic{nearest(topic, known)}')
+        raise Refusal(
+            f'WARNING: topic [{topic}] does not appear to be published yet\n'
+            f'Could not determine the type for the passed topic{nearest(topic, known)}'
+        )
     if len(types) > 1:
-        raise Refusal(f"Cannot echo topic '{topic}', as it contains more than one type: "
-                      f'[{", ".join(types)}]')
+        raise Refusal(
+            f"Cannot echo topic '{topic}', as it contains more than one type: [{', '.join(types)}]"
+        )
     return interface(types[0], 'msg')
 
 
@@ -56,10 +68,16 @@ def chosen_qos(node: Node, topic: str, args: argparse.Namespace) -> QoSProfile:
         return qos
     offers = [info.qos_profile for info in node.get_publishers_info_by_topic(topic)]
     if offers:
-        qos.reliability = common([offer.reliability for offer in offers],
-                                 ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT)
-        qos.durability = common([offer.durability for offer in offers],
-                                DurabilityPolicy.TRANSIENT_LOCAL, DurabilityPolicy.VOLATILE)
+        qos.reliability = common(
+            [offer.reliability for offer in offers],
+            ReliabilityPolicy.RELIABLE,
+            ReliabilityPolicy.BEST_EFFORT,
+        )
+        qos.durability = common(
+            [offer.durability for offer in offers],
+            DurabilityPolicy.TRANSIENT_LOCAL,
+            DurabilityPolicy.VOLATILE,
+        )
     return qos
 
 
@@ -78,6 +96,8 @@ def common(offered: list[Any], strong: Any, weak: Any) -> Any:
         return strong
     if strong in offered:
         kind = type(strong).__name__.replace('Policy', '').lower()
-        print(f'Some, but not all, publishers are offering {kind} {strong.name}. Falling back to '
-              f'{weak.name} as it will connect to all publishers')
+        print(
+            f'Some, but not all, publishers are offering {kind} {strong.name}. Falling back to '
+            f'{weak.name} as it will connect to all publishers'
+        )
     return weak

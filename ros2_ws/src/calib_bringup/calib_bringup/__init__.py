@@ -1,1 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
+"""Configuration of arms, probes and gauges, launch files, and the demo."""

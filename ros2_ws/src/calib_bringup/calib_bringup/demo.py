@@ -17,7 +17,7 @@ from typing import Any
 from calib_bringup.domains import held_domain
 from calib_bringup.processes import Child, Children, graph_environment
 from calib_bringup.variants import CAPTURES, DEFAULT, VARIANTS, led_arguments
-from calib_model.command import CommandParser, UsageError, run_command
+from calib_model.command_line import CommandParser, UsageError, run_command
 
 ABOUT = """\
 Calibrate a simulated arm by probing a ball bar: capture 7 locations and a held-out one, identify,
@@ -30,13 +30,22 @@ EXAMPLE = """example:
 """
 RESULT, FIGURES = 'result.json', 'figures'
 LOGS = (
-    'arm', 'probe', *(f'{how}_{name}' for how in ('capture', 'hand_guided') for name in CAPTURES),
-    'identify', 'evaluate',
-)  # fmt: skip
+    'arm',
+    'probe',
+    *(f'{how}_{name}' for how in ('capture', 'hand_guided') for name in CAPTURES),
+    'identify',
+    'evaluate',
+)
 WRITTEN = {
-    *CAPTURES, *(f'{name}.log' for name in LOGS),
-    RESULT, 'arm.yaml', 'probe.yaml', 'arm.urdf', 'report.html', FIGURES,
-}  # fmt: skip
+    *CAPTURES,
+    *(f'{name}.log' for name in LOGS),
+    RESULT,
+    'arm.yaml',
+    'probe.yaml',
+    'arm.urdf',
+    'report.html',
+    FIGURES,
+}
 CAPTURE_SECONDS = 600.0
 SOLVE_SECONDS = 120.0
 ROWS = (
@@ -55,9 +64,10 @@ def arguments() -> CommandParser:
         '--variant', choices=sorted(VARIANTS), default=DEFAULT, help='default: %(default)s'
     )
     parser.add_argument(
-        '--output', metavar='DIR',
+        '--output',
+        metavar='DIR',
         help='default: output/demo, output/demo_NAME for another variant',
-    )  # fmt: skip
+    )
     parser.add_argument(
         '--seed', metavar='N', type=int, default=1, help='of world and program (default: 1)'
     )
@@ -85,15 +95,19 @@ class Demo:
         paths = self.variant.paths
         with Children() as children:
             told = {'time_scale': 0.0, **paths('arm')}
-            self._start(children, 'arm', 'calib_capture.arm_node', told)
+            self._start(children, 'arm', 'calib_capture.nodes.arm_node', told)
             told = {'seed': self.seed, **paths('arm', 'probe', 'gauge', 'placements')}
-            self._start(children, 'probe', 'selfcenter_probe.probe_node', told)
+            self._start(children, 'probe', 'selfcenter_probe.nodes.probe_node', told)
             for name, (locations, spheres) in CAPTURES.items():
                 options = {
-                    'locations': list(locations), 'spheres': list(spheres), 'seed': self.seed,
-                    'poses_per_sphere': self.poses, 'pool': 1, 'output': name,
-                }  # fmt: skip
-                module = 'calib_capture.capture_node'
+                    'locations': list(locations),
+                    'spheres': list(spheres),
+                    'seed': self.seed,
+                    'poses_per_sphere': self.poses,
+                    'pool': 1,
+                    'output': name,
+                }
+                module = 'calib_capture.nodes.capture_node'
                 capture = self._start(children, f'capture_{name}', module, options, shown=True)
                 children.wait(capture, CAPTURE_SECONDS)
 
@@ -102,7 +116,7 @@ class Demo:
             for name in CAPTURES:
                 words = led_arguments(self.variant, name, self.seed, self.poses)
                 hand = f'hand_guided_{name}'
-                module, log = 'selfcenter_probe.hand_guided', self._log(hand)
+                module, log = 'selfcenter_probe.commands.hand_guided', self._log(hand)
                 led = children.start(Child(hand, module, words, self._env, log, shown=True))
                 children.wait(led, CAPTURE_SECONDS)
 
@@ -197,9 +211,11 @@ def run(argv: Sequence[str] | None = None) -> None:
         raise UsageError(f'demo: {error.filename or output}: {error.strerror}') from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
-    print(f'{output}: bags, {RESULT}, report.html, {FIGURES}, arm.yaml, probe.yaml, '
-          f'arm.urdf; '
-          f'{time.monotonic() - begin:.0f} s in all')  # fmt: skip
+    print(
+        f'{output}: bags, {RESULT}, report.html, {FIGURES}, arm.yaml, probe.yaml, '
+        f'arm.urdf; '
+        f'{time.monotonic() - begin:.0f} s in all'
+    )
     print(table(columns))
 
 

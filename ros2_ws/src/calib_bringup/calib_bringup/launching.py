@@ -72,8 +72,9 @@ def parameters(arguments: Iterable[Argument], given: Mapping[str, str]) -> dict[
     """
     return {
         argument.name: _value(argument, given[argument.name])
-        for argument in arguments if given[argument.name]
-    }  # fmt: skip
+        for argument in arguments
+        if given[argument.name]
+    }
 
 
 def options(arguments: Iterable[Argument], given: Mapping[str, str]) -> list[str]:

@@ -43,17 +43,26 @@ class Child:
     """
 
     def __init__(
-        self, name: str, module: str, arguments: Sequence[str], env: dict[str, str], log: Path,
+        self,
+        name: str,
+        module: str,
+        arguments: Sequence[str],
+        env: dict[str, str],
+        log: Path,
         shown: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.name = name
         self._log = log
         with log.open('w', encoding='utf-8') as stream:
             self.process = subprocess.Popen(
                 [sys.executable, '-m', module, *arguments],
-                stdin=subprocess.DEVNULL, stdout=None if shown else stream, stderr=stream,
-                env=env, cwd=log.parent, preexec_fn=_end_with_parent,
-            )  # fmt: skip
+                stdin=subprocess.DEVNULL,
+                stdout=None if shown else stream,
+                stderr=stream,
+                env=env,
+                cwd=log.parent,
+                preexec_fn=_end_with_parent,
+            )
 
     def complaint(self) -> ChildError:
         """The error that passes on the last line that the process left."""

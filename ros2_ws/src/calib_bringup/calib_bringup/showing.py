@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ament_index_python.packages import get_package_share_directory
 
-from calib_model.description import parse_arm, read_description
+from calib_model.descriptions import parse_arm, read_description
 from calib_model.urdf import arm_urdf
 
 DEFAULT_ARM = 'config/arms/kuka_kr5_sixx_r650.yaml'

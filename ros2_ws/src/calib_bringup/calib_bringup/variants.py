@@ -42,8 +42,10 @@ VARIANTS = {
     'passive': Variant(
         'the KR 5 led by hand, passive probe',
         files={
-            'arm': 'arms/kuka_kr5_sixx_r650.yaml', 'probe': 'probes/passive_seat_kr5.yaml',
-            'gauge': 'gauges/ball_bar_kr5.yaml', 'placements': 'locations/kr5.yaml',
+            'arm': 'arms/kuka_kr5_sixx_r650.yaml',
+            'probe': 'probes/passive_seat_kr5.yaml',
+            'gauge': 'gauges/ball_bar_kr5.yaml',
+            'placements': 'locations/kr5.yaml',
         },
         led=True,
     ),
@@ -53,7 +55,7 @@ VARIANTS = {
     'faro': Variant(
         "FARO Sterling led by hand, passive probe: the chapter's 10,780 poses", poses=385, led=True
     ),
-}  # fmt: skip
+}
 
 
 def led_arguments(variant: Variant, bag: str, seed: int, poses: int) -> list[str]:

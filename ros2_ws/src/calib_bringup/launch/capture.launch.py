@@ -26,11 +26,14 @@ def nodes(context: LaunchContext) -> list[Node]:
     given = context.launch_configurations
     started = [
         Node(
-            package='calib_capture', executable='capture', output='screen',
-            parameters=[parameters(CAPTURE, given)], additional_env=UNBUFFERED,
+            package='calib_capture',
+            executable='capture',
+            output='screen',
+            parameters=[parameters(CAPTURE, given)],
+            additional_env=UNBUFFERED,
             on_exit=Shutdown(),
         )
-    ]  # fmt: skip
+    ]
     if chosen('simulate', given):
         every = (*CAPTURE, *SIMULATION)
         for package, executable, names in (
@@ -44,8 +47,11 @@ def nodes(context: LaunchContext) -> list[Node]:
     if chosen('rviz', given):
         described = [{'robot_description': robot_description(given[ARM.name])}]
         started += [
-            Node(package='robot_state_publisher', executable='robot_state_publisher',
-                 parameters=described),
+            Node(
+                package='robot_state_publisher',
+                executable='robot_state_publisher',
+                parameters=described,
+            ),
             Node(package='rviz2', executable='rviz2', arguments=['-d', rviz_layout()]),
-        ]  # fmt: skip
+        ]
     return started

@@ -21,7 +21,10 @@ def nodes(context: LaunchContext) -> list[ExecuteProcess]:
     demo = ExecutableInPackage(package='calib_bringup', executable='demo')
     return [
         ExecuteProcess(
-            cmd=[demo, *options(DEMO, context.launch_configurations)], name='demo',
-            output='screen', additional_env=UNBUFFERED, on_exit=Shutdown(),
+            cmd=[demo, *options(DEMO, context.launch_configurations)],
+            name='demo',
+            output='screen',
+            additional_env=UNBUFFERED,
+            on_exit=Shutdown(),
         )
-    ]  # fmt: skip
+    ]

@@ -21,14 +21,23 @@ def nodes(context: LaunchContext) -> list[Node]:
     given = context.launch_configurations
     words = [given['bag'], *options([each for each in REPLAY if each.name != 'bag'], given)]
     started = [
-        Node(package='calib_capture', executable='replay', output='screen',
-             arguments=words, additional_env=UNBUFFERED, on_exit=Shutdown()),
-    ]  # fmt: skip
+        Node(
+            package='calib_capture',
+            executable='replay',
+            output='screen',
+            arguments=words,
+            additional_env=UNBUFFERED,
+            on_exit=Shutdown(),
+        ),
+    ]
     if chosen('rviz', given):
         described = [{'robot_description': robot_description(given[ARM.name])}]
         started += [
-            Node(package='robot_state_publisher', executable='robot_state_publisher',
-                 parameters=described),
+            Node(
+                package='robot_state_publisher',
+                executable='robot_state_publisher',
+                parameters=described,
+            ),
             Node(package='rviz2', executable='rviz2', arguments=['-d', rviz_layout()]),
-        ]  # fmt: skip
+        ]
     return started

@@ -18,6 +18,4 @@ def generate_launch_description() -> LaunchDescription:
 
 def nodes(context: LaunchContext) -> list[Node]:
     told = parameters(SOLVER, context.launch_configurations)
-    return [
-        Node(package='calib_solver', executable='solver', output='screen', parameters=[told])
-    ]
+    return [Node(package='calib_solver', executable='solver', output='screen', parameters=[told])]

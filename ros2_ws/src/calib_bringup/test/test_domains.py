@@ -22,10 +22,16 @@ sys.stdin.read()
 
 def somebody(domain):
     node = subprocess.Popen(
-        [sys.executable, '-c', NODE], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-        env={**os.environ, 'ROS_DOMAIN_ID': str(domain),
-             'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'},
-    )  # fmt: skip
+        [sys.executable, '-c', NODE],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={
+            **os.environ,
+            'ROS_DOMAIN_ID': str(domain),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        },
+    )
     assert node.stdout.readline() == 'there\n'
     return node
 

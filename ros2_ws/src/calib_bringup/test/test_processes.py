@@ -7,7 +7,7 @@ import pytest
 
 from calib_bringup.demo import replaceable, run
 from calib_bringup.processes import Child, ChildError, Children, graph_environment
-from calib_model.command import UsageError
+from calib_model.command_line import UsageError
 
 pytestmark = pytest.mark.timeout(60)
 

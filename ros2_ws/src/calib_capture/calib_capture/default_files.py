@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
-from calib_model.description import read_description
+from calib_model.descriptions import read_description
 from calib_model.errors import ParameterError
 
 T = TypeVar('T')

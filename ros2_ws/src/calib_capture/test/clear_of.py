@@ -30,9 +30,11 @@ def segment_distances(p1, p2, q1, q2):
 
     zero, one = np.zeros_like(a), np.ones_like(a)
     sides = [
-        at(zero, ratio(e, c)), at(one, ratio(e + b, c)),
-        at(ratio(-d, a), zero), at(ratio(b - d, a), one),
-    ]  # fmt: skip
+        at(zero, ratio(e, c)),
+        at(one, ratio(e + b, c)),
+        at(ratio(-d, a), zero),
+        at(ratio(b - d, a), one),
+    ]
     below = a * c - b * b
     inner = below > 1e-12 * np.maximum(a * c, 1e-18)
     s = np.divide(b * e - c * d, below, out=zero - 1, where=inner)
@@ -50,8 +52,10 @@ def placed(arm, bodies, q, T_base_gauge):
         x0 = frames[body.frame - 2].rotation if body.frame > 1 else np.eye(3)[None]
         angle = arm.direction[body.frame - 1] * q[:, body.frame - 1]
         c, s, o = np.cos(angle), np.sin(angle), np.zeros_like(angle)
-        turn = np.stack([np.stack([c, -s, o], -1), np.stack([s, c, o], -1),
-                         np.stack([o, o, o + 1], -1)], axis=-2)  # fmt: skip
+        turn = np.stack(
+            [np.stack([c, -s, o], -1), np.stack([s, c, o], -1), np.stack([o, o, o + 1], -1)],
+            axis=-2,
+        )
         rotation = x0 @ turn
         for end, point in enumerate((body.start, body.end)):
             moving[:, i, end] = frame.origin_joint + np.einsum('nij,j->ni', rotation, point)

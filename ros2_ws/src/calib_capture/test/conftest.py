@@ -9,14 +9,15 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))  # clear_of
-
-from calib_model.arm import Arm
-from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
-from calib_model.gauge import Gauge
-from calib_model.placement import parse_placements
-from calib_model.probe import Probe
-from calib_model.rotation import RigidTransform
+from calib_model.descriptions import (
+    parse_arm,
+    parse_gauge,
+    parse_placements,
+    parse_probe,
+    read_description,
+)
+from calib_model.instruments import Arm, Gauge, Probe
+from calib_model.transforms import RigidTransform
 
 
 @pytest.fixture(scope='session')
@@ -75,9 +76,12 @@ class Graph:
         """`python -m module` with these parameters; lists as they are written in YAML."""
         given = [part for key, value in parameters.items() for part in ('-p', f'{key}:={value}')]
         process = subprocess.Popen(
-            [sys.executable, '-m', module, '--ros-args', *given], env=self.environment, text=True,
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        )  # fmt: skip
+            [sys.executable, '-m', module, '--ros-args', *given],
+            env=self.environment,
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
         self._running.append(process)
         return process
 

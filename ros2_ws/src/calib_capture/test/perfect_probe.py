@@ -12,9 +12,9 @@ from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from calib_capture.messages import joints_of, qos_of, stamp_of, time_of
-from calib_model.description import gauge_yaml, probe_yaml
+from calib_model.descriptions import gauge_yaml, probe_yaml
 from calib_model.kinematics import points
+from calib_model.nodes import joints_of, qos_of, stamp_of, time_of
 from calib_model.topics import (
     CAPTURE_POSES,
     GAUGE_DESCRIPTION,
@@ -39,8 +39,9 @@ class PerfectProbe:
         self.executor.add_node(self.node)
         self.latched = []
         for topic, text in (
-            (PROBE_DESCRIPTION, probe_yaml(probe)), (GAUGE_DESCRIPTION, gauge_yaml(gauge)),
-        ):  # fmt: skip
+            (PROBE_DESCRIPTION, probe_yaml(probe)),
+            (GAUGE_DESCRIPTION, gauge_yaml(gauge)),
+        ):
             publisher = self.node.create_publisher(String, topic.name, qos_of(topic))
             publisher.publish(String(data=text))
             self.latched.append(publisher)

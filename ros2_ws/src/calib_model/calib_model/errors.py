@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """What can go wrong, in one family: the edge turns these into exit code 2 or `success: false`."""
 
-
 LONGEST_LINE = 1000  # characters: names come from files, and may be of any length
 
 

@@ -9,12 +9,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.arm import Arm
+from calib_model.arrays import Array
 from calib_model.errors import ContactError, DataError
-from calib_model.gauge import Gauge
-from calib_model.plausible import refuse_impossible
-from calib_model.probe import ActiveProbe, Probe
-from calib_model.rotation import Array
+from calib_model.instruments import ActiveProbe, Arm, Gauge, Probe, refuse_impossible
 
 #: a reading so many strokes out is in another unit; a stroke or two may be a wrong description
 BEYOND_STROKE = 50

@@ -31,9 +31,14 @@ class Progress:
         self._open = False
 
     def show(
-        self, done: int, planned: int, seconds_left: float, where: str, now: float,
+        self,
+        done: int,
+        planned: int,
+        seconds_left: float,
+        where: str,
+        now: float,
         things: str = '',
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Tell of `done` out of `planned`; `now` is a clock in s."""
         period = BAR_PERIOD if self._bar else LINE_PERIOD
         if now - self._shown < period:

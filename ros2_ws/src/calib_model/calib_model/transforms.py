@@ -6,16 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-
-
-def frozen(values: object) -> Array:
-    """A read-only float64 copy of `values`, any shape."""
-    array = np.array(values, dtype=np.float64, order='C')
-    array.setflags(write=False)
-    return array
+from calib_model.arrays import Array, frozen
 
 
 def skew(v: Array) -> Array:

@@ -1,18 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from calib_model.arm import Arm, Joint
-from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
-from calib_model.gauge import Gauge
-from calib_model.probe import ActiveProbe
-from calib_model.probing import Measurement, ProbingSet
-from calib_model.rotation import RigidTransform
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))  # urdf_files
+from calib_model.descriptions import parse_arm, parse_gauge, parse_probe, read_description
+from calib_model.instruments import ActiveProbe, Arm, Gauge, Joint
+from calib_model.measurement import Measurement, ProbingSet
+from calib_model.transforms import RigidTransform
 
 
 @pytest.fixture(scope='session')
@@ -63,8 +58,11 @@ def measured(kr5: Arm, probe: ActiveProbe, gauge: Gauge) -> Measurement:
     count = 40
     centers = rng.uniform(-1e-3, 1e-3, (count, 3))
     poses = ProbingSet(
-        np.repeat([1, 2], count // 2), np.tile([1, 6, 10, 14], count // 4),
-        rng.uniform(-1, 1, (count, 6)), probe.displacements(centers, gauge.sphere_diameter),
-        1_700_000_000_000_000_000 + 10_000_019 * np.arange(count), rng.integers(1, 30, count),
-    )  # fmt: skip
+        np.repeat([1, 2], count // 2),
+        np.tile([1, 6, 10, 14], count // 4),
+        rng.uniform(-1, 1, (count, 6)),
+        probe.displacements(centers, gauge.sphere_diameter),
+        1_700_000_000_000_000_000 + 10_000_019 * np.arange(count),
+        rng.integers(1, 30, count),
+    )
     return Measurement(kr5, probe, gauge, poses).checked()

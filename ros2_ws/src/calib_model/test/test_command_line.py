@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from calib_model.command import CommandParser, number_from, run_command, whole_from
+from calib_model.command_line import CommandParser, number_from, run_command, whole_from
 from calib_model.errors import CalibrationError
 
 
@@ -43,7 +43,7 @@ def test_wrong_arguments_are_one_line_too(capsys: pytest.CaptureFixture[str]) ->
 
 def test_a_reader_that_goes_away_is_no_error() -> None:
     code = (
-        'import sys; from calib_model.command import run_command\n'
+        'import sys; from calib_model.command_line import run_command\n'
         'def work():\n    for i in range(100000): print(i)\n'
         'sys.exit(run_command(work))'
     )
@@ -64,7 +64,7 @@ def test_what_the_machine_refuses_is_one_line_too(
     error: Exception,
 ) -> None:
     code = (
-        'import sys; from calib_model.command import run_command\n'
+        'import sys; from calib_model.command_line import run_command\n'
         f'def work(): print("half"); raise {type(error).__name__}{error.args}\n'
         'sys.exit(run_command(work))'
     )
@@ -75,21 +75,24 @@ def test_what_the_machine_refuses_is_one_line_too(
 
 def test_a_full_disk_behind_the_output_is_one_line() -> None:
     code = (
-        'import sys; from calib_model.command import run_command\n'
+        'import sys; from calib_model.command_line import run_command\n'
         'sys.exit(run_command(lambda: print("figures")))'
     )
     with open('/dev/full', 'w') as full:
         done = subprocess.run(
-            [sys.executable, '-c', code], stdout=full, stderr=subprocess.PIPE, text=True,
+            [sys.executable, '-c', code],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
             check=False,
-        )  # fmt: skip
+        )
     assert done.returncode == 2
     assert done.stderr == 'output: No space left on device\n'
 
 
 def test_a_name_that_is_no_text_is_printed_all_the_same() -> None:
     code = (
-        'import sys; from calib_model.command import run_command\n'
+        'import sys; from calib_model.command_line import run_command\n'
         'sys.exit(run_command(lambda: print(sys.argv[1])))'
     )
     done = subprocess.run([sys.executable, '-c', code, b'a\xff'], capture_output=True, check=False)

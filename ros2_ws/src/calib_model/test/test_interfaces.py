@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bags need no built workspace: what calib_model.cdr knows of the messages must be the messages."""
+"""Bags need no built workspace: what cdr knows of the messages must be the messages."""
 
 import re
 from pathlib import Path
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calib_model import cdr
+from calib_model.bags import cdr
 from calib_model.topics import DISPLACEMENTS, JOINT_STATE, PROBING_POSE, STRING
 
 MESSAGES = Path(__file__).resolve().parents[2] / 'calib_interfaces' / 'msg'
@@ -47,11 +47,15 @@ def ours_and_theirs() -> dict[str, tuple[Any, Any]]:
         PROBING_POSE: (
             cdr.probing_pose(STAMP, 'base_link', 7, 14, joints, values, 25),
             interfaces.ProbingPose(
-                header=header, location=7, sphere=14, joint_position=joints.tolist(),
-                displacement=values, readings=25,
+                header=header,
+                location=7,
+                sphere=14,
+                joint_position=joints.tolist(),
+                displacement=values,
+                readings=25,
             ),
         ),
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.parametrize('name', [STRING, JOINT_STATE, DISPLACEMENTS, PROBING_POSE])
@@ -93,12 +97,14 @@ def test_type_hashes_are_those_of_the_generated_types(name: str) -> None:
 @pytest.mark.parametrize('name', [STRING, JOINT_STATE, DISPLACEMENTS, PROBING_POSE])
 def test_bytes_cut_anywhere_are_refused(name: str) -> None:
     values = np.zeros(3)
-    data = cdr.encode({
-        STRING: cdr.string('text'),
-        JOINT_STATE: cdr.joint_state(STAMP, 'f', ['a'], values),
-        DISPLACEMENTS: cdr.displacements(STAMP, 'f', values, values),
-        PROBING_POSE: cdr.probing_pose(STAMP, 'f', 1, 2, values, values, 3),
-    }[name])
+    data = cdr.encode(
+        {
+            STRING: cdr.string('text'),
+            JOINT_STATE: cdr.joint_state(STAMP, 'f', ['a'], values),
+            DISPLACEMENTS: cdr.displacements(STAMP, 'f', values, values),
+            PROBING_POSE: cdr.probing_pose(STAMP, 'f', 1, 2, values, values, 3),
+        }[name]
+    )
     assert cdr.decode(name, data) is not None
     for end in range(len(data)):
         with pytest.raises(ValueError, match=f'not a {name}'):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from calib_model.errors import DataError
-from calib_model.probing import Measurement, ProbingSet, group_by_sphere
+from calib_model.measurement import Measurement, ProbingSet, group_by_sphere
 
 
 def with_pose(measured: Measurement, **columns: np.ndarray) -> Measurement:

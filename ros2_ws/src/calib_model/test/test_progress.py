@@ -39,8 +39,9 @@ def test_short_work_passes_without_a_word(clock):
 def test_lines_come_seldom_and_say_what_is_left(clock):
     said = told(io.StringIO(), clock, [(0.0, 0), (2.0, 20), (3.0, 30), (8.0, 80)])
     assert said.splitlines() == [
-        '20 of 100 MB, 8 s left, reading bag', '80 of 100 MB, 2 s left, reading bag',
-    ]  # fmt: skip
+        '20 of 100 MB, 8 s left, reading bag',
+        '80 of 100 MB, 2 s left, reading bag',
+    ]
 
 
 def test_a_terminal_gets_a_bar_that_goes_away(clock):

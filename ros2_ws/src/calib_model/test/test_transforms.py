@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from calib_model.rotation import RigidTransform, nearest_rotation, rotation_matrix, rotation_vector
+from calib_model.transforms import (
+    RigidTransform,
+    nearest_rotation,
+    rotation_matrix,
+    rotation_vector,
+)
 
 NUMBERS = st.floats(-10, 10, allow_subnormal=False)
 VECTORS = arrays(np.float64, 3, elements=NUMBERS)

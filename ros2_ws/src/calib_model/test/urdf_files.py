@@ -55,9 +55,11 @@ def random_urdf(rng: np.random.Generator, joints: int) -> str:
                 f'    <origin xyz="{" ".join(map(repr, map(float, move)))}" '
                 f'rpy="{" ".join(map(repr, map(float, turn)))}"/>\n'
             )
-            axis = rng.choice([[0, 0, 1], [0, 0, -1], [0, 1, 0], [1, 0, 0], rng.normal(size=3)][
-                : 5 if rng.random() < 0.2 else 4
-            ])
+            axis = rng.choice(
+                [[0, 0, 1], [0, 0, -1], [0, 1, 0], [1, 0, 0], rng.normal(size=3)][
+                    : 5 if rng.random() < 0.2 else 4
+                ]
+            )
             inside = ''
             if kind == 'turning':
                 kind = rng.choice(['revolute', 'continuous'])

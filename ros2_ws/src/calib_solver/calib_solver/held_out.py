@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from calib_model.errors import DataError
-from calib_model.probing import Measurement
+from calib_model.measurement import Measurement
 from calib_solver.identification import Identification
 from calib_solver.problem import Problem
 from calib_solver.quality import Quality, assess

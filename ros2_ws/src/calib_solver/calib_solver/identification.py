@@ -6,42 +6,51 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 
-from calib_model.arm import Arm
-from calib_model.correction import Correction
+from calib_model.arrays import Array
 from calib_model.errors import DataError
-from calib_model.freedom import identifiable_table
-from calib_model.parameters import ParameterTable
-from calib_model.probe import Probe
-from calib_model.probing import Measurement
-from calib_model.rotation import Array
-from calib_solver.certificate_doubts import (
+from calib_model.instruments import Arm, Probe
+from calib_model.kinematics import Correction, ParameterTable, identifiable_table
+from calib_model.measurement import Measurement
+from calib_solver.error_models import (
+    CorrectionChoice,
+    JointErrorChoice,
+    checked_choice,
+    checked_kinds,
+    choose_joint_errors,
+    fit_correction,
+    table_with,
+)
+from calib_solver.faults import (
+    Rejected,
     beyond_certificate,
+    clean,
+    doubts_about_parameters,
+    doubts_about_poses,
     named_numbers,
     named_scale,
     named_sphere,
     refuse_other_units,
+    set_apart,
+    stuck_stretches,
 )
-from calib_solver.correction_fit import CorrectionChoice, checked_choice, fit_correction
-from calib_solver.cross_validation import CrossValidation
-from calib_solver.doubts import doubts_about_parameters, doubts_about_poses
-from calib_solver.joint_error_choice import (
-    JointErrorChoice,
-    checked_kinds,
-    choose_joint_errors,
-    table_with,
+from calib_solver.fitting import (
+    LEADING,
+    LOSSES,
+    Accumulate,
+    CrossValidation,
+    Fit,
+    Observability,
+    Options,
+    ProbeFit,
+    Solver,
+    Uncertainty,
+    estimate_uncertainty,
+    objective,
+    observe,
+    try_probe_fit,
 )
-from calib_solver.levenberg import Fit
-from calib_solver.objectives import objective
-from calib_solver.observability import Observability, observe
-from calib_solver.options import LEADING, LOSSES, Options
-from calib_solver.probe_fit import ProbeFit
-from calib_solver.problem import Problem
+from calib_solver.problem import Problem, accumulate
 from calib_solver.quality import Quality, assess
-from calib_solver.rejection import Rejected, clean
-from calib_solver.solving import Accumulate, Solver, try_probe_fit
-from calib_solver.stuck import set_apart, stuck_stretches
-from calib_solver.sums import accumulate
-from calib_solver.uncertainty import Uncertainty, estimate_uncertainty
 
 
 @dataclass(frozen=True)
@@ -136,9 +145,16 @@ def identify(
     errors: JointErrorChoice | None = None
     if options.joint_errors:
         errors = choose_joint_errors(
-            problem, table, fit.x, options.objective, options.joint_errors, options.links,
-            options.prior, fit.kappa, passes,
-        )  # fmt: skip
+            problem,
+            table,
+            fit.x,
+            options.objective,
+            options.joint_errors,
+            options.links,
+            options.prior,
+            fit.kappa,
+            passes,
+        )
         if errors.accepted:
             table = table_with(table, problem, errors.accepted, options.links)
             wider = Solver(table, options, passes)
@@ -151,9 +167,14 @@ def identify(
     sums = passes(problem, table, full)
     observability = observe(table, fit, solver.scale)
     uncertainty = estimate_uncertainty(
-        problem, options.objective, sums, fit.quadratic, fit.kappa,
-        solver.information, options.prior.strength,
-    )  # fmt: skip
+        problem,
+        options.objective,
+        sums,
+        fit.quadratic,
+        fit.kappa,
+        solver.information,
+        options.prior.strength,
+    )
     joint_errors = table.joint_errors(full)
     model = Correction(arm.joint_names, joint_errors) if joint_errors is not None else None
     initial = assess(problem, measured.arm, measured.probe)
@@ -171,12 +192,25 @@ def identify(
         + doubts_about_parameters(table, full, sigma, uncertainty.standard)
     )
     done = Identification(
-        problem, options, table, full, arm, probe, _with_weakest(fit, observability),
-        observability, uncertainty, probe_fit,
-        initial, identified,
-        rejected, time.perf_counter() - begun, warnings, chosen,
-        solver.least_noise, errors,
-    )  # fmt: skip
+        problem,
+        options,
+        table,
+        full,
+        arm,
+        probe,
+        _with_weakest(fit, observability),
+        observability,
+        uncertainty,
+        probe_fit,
+        initial,
+        identified,
+        rejected,
+        time.perf_counter() - begun,
+        warnings,
+        chosen,
+        solver.least_noise,
+        errors,
+    )
     return done if options.correction == 'off' else _corrected(done, begun)
 
 

@@ -1,13 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))  # simulated_calibration, result_schema
-
 from simulated_calibration import Scene, active, kr5, passive, simulate
 
 

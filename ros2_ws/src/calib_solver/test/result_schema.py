@@ -9,32 +9,71 @@ from typing import Any
 Record = dict[str, Any]
 
 TOP = {
-    'schema', 'arm', 'objective', 'parameters', 'flange_T_probe', 'spheres', 'quality', 'solver',
+    'schema',
+    'arm',
+    'objective',
+    'parameters',
+    'flange_T_probe',
+    'spheres',
+    'quality',
+    'solver',
     'probe_fit',
-}  # fmt: skip
+}
 PARAMETER = {
-    'name', 'unit', 'initial', 'identified', 'standard_uncertainty', 'free', 'identifiable',
-}  # fmt: skip
+    'name',
+    'unit',
+    'initial',
+    'identified',
+    'standard_uncertainty',
+    'free',
+    'identifiable',
+}
 #: keys beyond the contract's first list: whoever adds one says so here
 ADDED_TOP = {'warnings', 'rejected', 'diagnostics', 'resampling', 'joint_errors', 'correction'}
 ADDED_PARAMETER = {'reason'}
 SOLVER = {
-    'iterations', 'evaluations', 'phi_initial', 'phi_final', 'seconds', 'converged', 'reason',
-}  # fmt: skip
+    'iterations',
+    'evaluations',
+    'phi_initial',
+    'phi_final',
+    'seconds',
+    'converged',
+    'reason',
+}
 PROBE_FIT = {'spheres', 'poses', 'residual_rms', 'orthogonality_error', 'condition'}
 DISTANCE = {'count', 'max', 'mean', 'rms', 'min', 'max_location', 'max_pair'}
 TWO_SIGMA = {
-    'max', 'mean', 'min', 'max_location', 'max_sphere', 'max_coordinate', 'mean_xyz',
-}  # fmt: skip
+    'max',
+    'mean',
+    'min',
+    'max_location',
+    'max_sphere',
+    'max_coordinate',
+    'mean_xyz',
+}
 ADDED_DISTANCE = {'min_location', 'min_pair'}
 ADDED_TWO_SIGMA = {'min_location', 'min_sphere', 'min_coordinate'}
 SINGLE_POINT = {
-    'spheres', 'points', 'max_deviation', 'max_location', 'max_sphere',
-    'two_s_max', 'two_s_mean', 'two_s_location', 'two_s_sphere',
-}  # fmt: skip
+    'spheres',
+    'points',
+    'max_deviation',
+    'max_location',
+    'max_sphere',
+    'two_s_max',
+    'two_s_mean',
+    'two_s_location',
+    'two_s_sphere',
+}
 LENGTH = {
-    'count', 'max_deviation', 'max_location', 'max_pair', 'max_length', 'mean', 'two_rms', 'span',
-}  # fmt: skip
+    'count',
+    'max_deviation',
+    'max_location',
+    'max_pair',
+    'max_length',
+    'mean',
+    'two_rms',
+    'span',
+}
 PROBE_NAMES = ['probe_x', 'probe_y', 'probe_z', 'probe_rx', 'probe_ry', 'probe_rz']
 OBJECTIVES = ('distance_repeatability', 'distance', 'position')
 
@@ -184,8 +223,9 @@ def parameters(records: list[Record]) -> None:
         text(record['reason'])
     names = [record['name'] for record in records]
     joints = sum(name.startswith('alpha') for name in names)
-    expected = [f'{kind}{i}' for kind in ('a', 'alpha', 'd', 'theta_0_')
-                for i in range(1, joints + 1)]  # fmt: skip
+    expected = [
+        f'{kind}{i}' for kind in ('a', 'alpha', 'd', 'theta_0_') for i in range(1, joints + 1)
+    ]
     betas = [name for name in names if name.startswith('beta')]
     assert betas == sorted(set(betas))
     assert names == expected + betas + PROBE_NAMES
@@ -194,9 +234,16 @@ def parameters(records: list[Record]) -> None:
 GAIN = {'change', 'standard_error', 'rms_before', 'rms_after'}
 LEFT_OUT = {'two_sigma_before', 'two_sigma_after', 'distance_before', 'distance_after'}
 CORRECTION = {
-    'accepted', 'verdict', 'turn_harmonics', 'shift_harmonics', 'attitude', 'strength', 'folds',
-    'gain', 'quality',
-}  # fmt: skip
+    'accepted',
+    'verdict',
+    'turn_harmonics',
+    'shift_harmonics',
+    'attitude',
+    'strength',
+    'folds',
+    'gain',
+    'quality',
+}
 JOINT_ERRORS = {'offered', 'identified', 'verdict', 'folds', 'tried', 'parameters'}
 
 

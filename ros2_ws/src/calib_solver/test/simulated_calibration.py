@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib_model.arm import Arm, Joint
-from calib_model.gauge import Gauge
+from calib_model.arrays import Array
+from calib_model.instruments import Arm, Gauge, Joint, PassiveProbe, Probe, trihedron
 from calib_model.kinematics import point_derivatives, points
-from calib_model.probe import PassiveProbe, Probe, trihedron
-from calib_model.probing import Measurement, ProbingSet
-from calib_model.rotation import Array, RigidTransform, nearest_rotation, rotation_matrix
+from calib_model.measurement import Measurement, ProbingSet
+from calib_model.transforms import RigidTransform, nearest_rotation, rotation_matrix
 
 QUARTER = np.pi / 2
 SPHERES = (1, 6, 10, 14)

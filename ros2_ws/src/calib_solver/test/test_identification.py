@@ -21,9 +21,9 @@ from simulated_calibration import (
 )
 
 from calib_model.errors import DataError, RankError
-from calib_model.kinematics import points
-from calib_solver.identification import Options, identify
-from calib_solver.prior import DEFAULT_SIGMA, NO_PRIOR, Prior
+from calib_model.kinematics import DEFAULT_SIGMA, points
+from calib_solver.fitting import NO_PRIOR, Options, Prior
+from calib_solver.identification import identify
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from simulated_calibration import active, kr5, passive, simulate
 
-from calib_model.probing import ProbingSet
-from calib_solver.identification import Options, identify
+from calib_model.measurement import ProbingSet
+from calib_solver.fitting import Options
+from calib_solver.identification import identify
 
 pytestmark = pytest.mark.timeout(60)
 seldom = settings(max_examples=8, deadline=None, derandomize=True)

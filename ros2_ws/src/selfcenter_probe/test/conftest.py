@@ -7,14 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib_model.arm import Arm, Joint
-from calib_model.description import read_description
-from calib_model.gauge import Gauge
-from calib_model.kinematics import forward, point_derivatives
-from calib_model.probe import ActiveProbe, trihedron
-from calib_model.rotation import Array, RigidTransform
-from selfcenter_probe.magnitudes import Magnitudes, parse_magnitudes
-from selfcenter_probe.world import World
+from calib_model.arrays import Array
+from calib_model.descriptions import read_description
+from calib_model.instruments import ActiveProbe, Arm, Gauge, Joint, trihedron
+from calib_model.kinematics import forward_kinematics, point_derivatives
+from calib_model.transforms import RigidTransform
+from selfcenter_probe.simulation import Magnitudes, World, parse_magnitudes
 
 QUARTER = np.pi / 2
 
@@ -103,7 +101,9 @@ def scene() -> Scene:
 def away(scene: Scene) -> Array:
     """A posture (6,) with no sphere within a decimetre of the probe."""
     q = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    p_base_probe = (forward(scene.arm, q) @ scene.probe.flange_T_probe.matrix())[0, :3, 3]
+    p_base_probe = (forward_kinematics(scene.arm, q) @ scene.probe.flange_T_probe.matrix())[
+        0, :3, 3
+    ]
     for stand in scene.placements.values():
         for number in scene.gauge.numbers:
             center = stand.apply(scene.gauge.center(number))

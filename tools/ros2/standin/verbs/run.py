@@ -14,12 +14,16 @@ EXAMPLE = 'ros2 run calib_capture capture --ros-args -p output:=output/my_bag'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--prefix', help='Prefix command, which should go before the executable; '
-                        'in quotes where it contains spaces')
+    parser.add_argument(
+        '--prefix',
+        help='Prefix command, which should go before the executable; '
+        'in quotes where it contains spaces',
+    )
     parser.add_argument('package_name', help='Name of the ROS package')
     parser.add_argument('executable_name', help='Name of the executable')
-    parser.add_argument('argv', nargs=argparse.REMAINDER,
-                        help='Pass arbitrary arguments to the executable')
+    parser.add_argument(
+        'argv', nargs=argparse.REMAINDER, help='Pass arbitrary arguments to the executable'
+    )
 
 
 def main(args: argparse.Namespace) -> None:

@@ -7,13 +7,13 @@ import sys
 import tempfile
 from pathlib import Path
 
-from calib_capture.pose_table import read_table
-from calib_model.bag import write_measurement
-from calib_model.bag_writer import refuse_taken
-from calib_model.command import CommandParser, run_command
-from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
+from calib_capture.commands.pose_table import read_table
+from calib_model.bags import write_measurement
+from calib_model.command_line import CommandParser, run_command
+from calib_model.descriptions import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.errors import BagError
-from calib_model.probing import Measurement, group_by_sphere
+from calib_model.files import refuse_taken
+from calib_model.measurement import Measurement, group_by_sphere
 from calib_model.progress import Progress
 
 ABOUT = """\
@@ -68,9 +68,12 @@ def _import() -> None:
     parser.add_argument('out', metavar='OUT_BAG', type=Path, help='folder to make')
     for name in ('arm', 'probe', 'gauge'):
         parser.add_argument(
-            f'--{name}', type=Path, required=True, metavar=f'{name[0].upper()}.yaml',
+            f'--{name}',
+            type=Path,
+            required=True,
+            metavar=f'{name[0].upper()}.yaml',
             help=f'description of the {name}',
-        )  # fmt: skip
+        )
     given = parser.parse_args()
     measured = import_csv(given.table, given.out, given.arm, given.probe, given.gauge)
     spheres, _ = group_by_sphere(measured.poses.location, measured.poses.sphere)

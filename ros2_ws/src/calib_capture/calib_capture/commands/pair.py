@@ -10,21 +10,15 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TypeVar
 
-from calib_capture.led_note import LED_NOTE, LedNote
-from calib_capture.moving import MovingSettings
-from calib_capture.repeat import Repeated, repeat_pairing
-from calib_capture.repeat_led import RepeatedLed, repeat_led
-from calib_model.bag import write_measurement
-from calib_model.bag_reader import read_note
-from calib_model.bag_writer import refuse_taken
-from calib_model.bounds import PAIRING
-from calib_model.command import CommandParser, UsageError, number_from, run_command
-from calib_model.description import read_description
+from calib_capture.recording import LED_NOTE, LedNote
+from calib_capture.replaying import Repeated, RepeatedLed, repeat_led, repeat_pairing
+from calib_model.bags import read_note, write_measurement
+from calib_model.command_line import CommandParser, UsageError, number_from, run_command
+from calib_model.descriptions import parse_placements, read_description
 from calib_model.errors import BagError
-from calib_model.pairing import SteadySettings
-from calib_model.pairing_note import NOTE, settings_of
-from calib_model.placement import parse_placements
-from calib_model.probing import Measurement
+from calib_model.files import refuse_taken
+from calib_model.measurement import Measurement
+from calib_model.pairing import NOTE, PAIRING, MovingSettings, SteadySettings, settings_of
 from calib_model.progress import Progress
 
 Settings = TypeVar('Settings', SteadySettings, MovingSettings)
@@ -59,9 +53,12 @@ TOLD = {
 
 
 def pair(
-    raw: Path, out: Path, settings: SteadySettings, placements: Path | None = None,
+    raw: Path,
+    out: Path,
+    settings: SteadySettings,
+    placements: Path | None = None,
     correct_clock: bool = False,
-) -> Repeated:  # fmt: skip
+) -> Repeated:
     """Write the bag `out` of the poses paired anew from `raw`; whole or not at all.
 
     Raises:
@@ -71,9 +68,7 @@ def pair(
     """
     _refuse_existing(out)
     places = None if placements is None else read_description(placements, parse_placements)
-    repeated = repeat_pairing(
-        raw, settings, places, correct_clock, Progress(sys.stderr)
-    )
+    repeated = repeat_pairing(raw, settings, places, correct_clock, Progress(sys.stderr))
     _write(out, repeated.measured)
     return repeated
 
@@ -119,15 +114,18 @@ def _pair() -> None:
         '--placements', type=Path, metavar='P.yaml', help='where the gauge stood, by location'
     )
     parser.add_argument(
-        '--correct-clock', action='store_true',
+        '--correct-clock',
+        action='store_true',
         help='pair readings with the joints by the estimated offset between their clocks',
-    )  # fmt: skip
+    )
     parser.add_argument('--mode', choices=MODES, help='as captured')
     for name, text in (TOLD | OF_LED).items():
         parser.add_argument(
-            f'--{name.replace("_", "-")}', type=number_from(*PAIRING[name]), metavar='X',
+            f'--{name.replace("_", "-")}',
+            type=number_from(*PAIRING[name]),
+            metavar='X',
             help=f'{text}; as captured',
-        )  # fmt: skip
+        )
     given = parser.parse_args()
     note = LedNote.read(read_note(given.raw, LED_NOTE), str(given.raw))
     led = given.mode == 'continuous' if given.mode else note is not None
@@ -161,9 +159,10 @@ def _led(given: Namespace, note: LedNote | None) -> RepeatedLed:
 def _chosen(settings: Settings, given: Namespace) -> Settings:
     """The settings as captured, but for those that are given."""
     chosen = {
-        each.name: getattr(given, each.name) for each in fields(settings)
+        each.name: getattr(given, each.name)
+        for each in fields(settings)
         if getattr(given, each.name, None) is not None
-    }  # fmt: skip
+    }
     return replace(settings, **chosen)
 
 

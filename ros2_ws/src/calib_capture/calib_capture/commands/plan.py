@@ -9,14 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from calib_capture.bodies import BodySettings, parse_bodies
-from calib_capture.configuration import FILES, configured
-from calib_capture.inspection import program_text
-from calib_capture.planner import Planner
-from calib_capture.program import Program, ProgramSettings
-from calib_model.command import CommandParser, number_from, run_command, whole_from
-from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
-from calib_model.placement import parse_placements
+from calib_capture.default_files import FILES, configured
+from calib_capture.motion import BodySettings, parse_bodies
+from calib_capture.program import Planner, Program, ProgramSettings, program_text
+from calib_model.command_line import CommandParser, number_from, run_command, whole_from
+from calib_model.descriptions import (
+    parse_arm,
+    parse_gauge,
+    parse_placements,
+    parse_probe,
+    read_description,
+)
 from calib_model.progress import Progress
 
 MOST_POSES, MOST_POOL = 100_000, 1000
@@ -85,29 +88,46 @@ def _parser() -> CommandParser:
         '--locations', type=int, nargs='+', metavar='N', help='to visit (default: all)'
     )
     parser.add_argument(
-        '--spheres', type=int, nargs='+', metavar='N',
+        '--spheres',
+        type=int,
+        nargs='+',
+        metavar='N',
         help=f'to probe (default: {" ".join(map(str, default.spheres))})',
-    )  # fmt: skip
+    )
     parser.add_argument(
-        '--poses', type=whole_from(1, MOST_POSES), default=default.poses_per_sphere, metavar='N',
+        '--poses',
+        type=whole_from(1, MOST_POSES),
+        default=default.poses_per_sphere,
+        metavar='N',
         help='postures around each sphere (default: %(default)s)',
-    )  # fmt: skip
+    )
     parser.add_argument(
-        '--pool', type=whole_from(1, MOST_POOL), default=default.pool, metavar='N',
+        '--pool',
+        type=whole_from(1, MOST_POOL),
+        default=default.pool,
+        metavar='N',
         help='candidates for each pose, of which the most telling are taken (default: %(default)s; '
         '1: no choosing, planned in half the time)',
-    )  # fmt: skip
+    )
     parser.add_argument(
-        '--cap', type=number_from(0, 180), default=70.0, metavar='DEG',
+        '--cap',
+        type=number_from(0, 180),
+        default=70.0,
+        metavar='DEG',
         help="around the gauge's z axis from which spheres are probed (default: %(default)s)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        '--approach', type=number_from(0, 1), default=default.approach, metavar='M',
+        '--approach',
+        type=number_from(0, 1),
+        default=default.approach,
+        metavar='M',
         help="way along the probe's axis by which the arm comes and leaves (default: %(default)s); "
         '0: straight from contact to contact, whatever is between',
-    )  # fmt: skip
+    )
     parser.add_argument(
-        '--bodies', type=Path, metavar='FILE.yaml',
+        '--bodies',
+        type=Path,
+        metavar='FILE.yaml',
         help='sizes of arm, probe and gauge, and where the floor is',
     )
     parser.add_argument('--seed', type=whole_from(0, 2**62), default=default.seed, metavar='N')

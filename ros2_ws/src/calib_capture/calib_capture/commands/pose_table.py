@@ -13,12 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from calib_model.arm import Arm
 from calib_model.errors import TableError
-from calib_model.file_content import file_content
-from calib_model.gauge import Gauge
-from calib_model.probe import STYLI, ActiveProbe, Probe
-from calib_model.probing import ProbingSet
+from calib_model.files import file_content
+from calib_model.instruments import STYLI, ActiveProbe, Arm, Gauge, Probe
+from calib_model.measurement import ProbingSet
 
 LARGEST_NUMBER = 65535  # of locations and spheres: ProbingPose holds them in 16 bits
 TURNS = 4 * math.pi  # no revolute joint goes further, so what does was not written in rad
@@ -110,9 +108,13 @@ def read_table(file: Path, arm: Arm, probe: Probe, gauge: Gauge) -> ProbingSet:
     count = len(location)
     stamps = np.arange(1, count + 1, dtype=np.int64) * PERIOD
     return ProbingSet(
-        np.array(location), np.array(sphere), np.reshape(q, (count, -1)),
-        np.reshape(s, (count, -1)), stamps, np.ones(count, dtype=np.int64),
-    )  # fmt: skip
+        np.array(location),
+        np.array(sphere),
+        np.reshape(q, (count, -1)),
+        np.reshape(s, (count, -1)),
+        stamps,
+        np.ones(count, dtype=np.int64),
+    )
 
 
 def _joint(row: _Row, column: str, arm: Arm, i: int) -> float:

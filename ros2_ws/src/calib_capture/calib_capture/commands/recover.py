@@ -6,8 +6,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from calib_model.bag_recovery import recover
-from calib_model.command import CommandParser, run_command
+from calib_model.bags import recover
+from calib_model.command_line import CommandParser, run_command
 from calib_model.errors import printable
 from calib_model.progress import Progress
 

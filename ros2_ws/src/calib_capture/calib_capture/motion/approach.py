@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio
 
-from calib_capture.pinocchio_arm import PinocchioArm
-from calib_model.rotation import Array
+from calib_capture.motion.pinocchio_arm import PinocchioArm
+from calib_model.arrays import Array
 
 STEP = 0.015  # m between the postures of an approach: in between it bends by some 0.1 mm
 EXACT = 1e-7  # m and rad: a way need not be straighter

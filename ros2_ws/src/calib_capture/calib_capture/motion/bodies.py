@@ -13,12 +13,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calib_model.arm import Arm
+from calib_model.arrays import Array, frozen
 from calib_model.errors import CalibrationError
-from calib_model.fields import Fields, load_mapping
-from calib_model.gauge import Gauge
-from calib_model.probe import ActiveProbe, Probe
-from calib_model.rotation import Array, frozen
+from calib_model.files import Fields, load_mapping
+from calib_model.instruments import ActiveProbe, Arm, Gauge, Probe
 
 THICKEST, THINNEST = 0.06, 0.03  # of the reach
 SHORTEST = 1e-3  # m: D-H lengths below it take no room of their own
@@ -87,7 +85,7 @@ class Bodies:
 
 
 def bodies_of(
-    arm: Arm, probe: Probe, gauge: Gauge, settings: BodySettings = BodySettings()  # noqa: B008
+    arm: Arm, probe: Probe, gauge: Gauge, settings: BodySettings = BodySettings()
 ) -> Bodies:
     """The bodies of an arm with its probe before a gauge.
 
@@ -99,9 +97,11 @@ def bodies_of(
     styli = _styli(arm, probe, gauge, settings)
     moving = (*links, housing, *styli)
     pairs = tuple(
-        (i, j) for i in range(len(links)) for j in range(i + 1, len(moving))
+        (i, j)
+        for i in range(len(links))
+        for j in range(i + 1, len(moving))
         if _can_meet(moving, i, min(j, len(links)))
-    )  # fmt: skip
+    )
     return Bodies(moving, _gauge_bodies(gauge, settings), settings, pairs)
 
 
@@ -168,9 +168,7 @@ def _housing(arm: Arm, probe: Probe, gauge: Gauge, settings: BodySettings) -> Bo
     return Body('housing', 'probe', arm.n, frozen(ends[0]), frozen(ends[1]), radius)
 
 
-def _styli(
-    arm: Arm, probe: Probe, gauge: Gauge, settings: BodySettings
-) -> tuple[Body, ...]:
+def _styli(arm: Arm, probe: Probe, gauge: Gauge, settings: BodySettings) -> tuple[Body, ...]:
     if not isinstance(probe, ActiveProbe):
         # the shank that carries the seat
         seat = _seat(probe, gauge)
@@ -186,10 +184,17 @@ def _styli(
             ends.append((tip, tip + settings.stylus_length * direction))
     placed = [_in_last_joint(arm, probe, np.array(pair)) for pair in ends]
     return tuple(
-        Body(f'stylus {i}', 'probe', arm.n, frozen(start), frozen(end), settings.stylus_radius,
-             stylus=True)
+        Body(
+            f'stylus {i}',
+            'probe',
+            arm.n,
+            frozen(start),
+            frozen(end),
+            settings.stylus_radius,
+            stylus=True,
+        )
         for i, (start, end) in enumerate(placed, start=1)
-    )  # fmt: skip
+    )
 
 
 def _can_meet(moving: tuple[Body, ...], i: int, j: int) -> bool:
@@ -200,10 +205,17 @@ def _can_meet(moving: tuple[Body, ...], i: int, j: int) -> bool:
 
 def _gauge_bodies(gauge: Gauge, settings: BodySettings) -> tuple[Body, ...]:
     spheres = [
-        Body(f'sphere {number}', 'sphere', WORLD, frozen(center), frozen(center),
-             gauge.sphere_diameter / 2, number)
+        Body(
+            f'sphere {number}',
+            'sphere',
+            WORLD,
+            frozen(center),
+            frozen(center),
+            gauge.sphere_diameter / 2,
+            number,
+        )
         for number, center in gauge.spheres
-    ]  # fmt: skip
+    ]
     certified = np.array([center for _, center in gauge.spheres])
     middle = certified.mean(axis=0)
     along = np.linalg.svd(certified - middle)[2][0] if len(certified) > 1 else np.eye(3)[0]

@@ -7,10 +7,11 @@ import coal
 import numpy as np
 import pinocchio
 
-from calib_capture.bodies import WORLD, Bodies, Body
-from calib_capture.pinocchio_arm import PinocchioArm
-from calib_model.arm import Arm
-from calib_model.rotation import Array, RigidTransform
+from calib_capture.motion.bodies import WORLD, Bodies, Body
+from calib_capture.motion.pinocchio_arm import PinocchioArm
+from calib_model.arrays import Array
+from calib_model.instruments import Arm
+from calib_model.transforms import RigidTransform
 
 
 class CollisionCheck:
@@ -68,9 +69,10 @@ class CollisionCheck:
             self._geometry.geometryObjects[index].placement = place * local
         self._seat(False)
         self._seats = [
-            pair for pair, (one, other) in enumerate(self._kinds)
+            pair
+            for pair, (one, other) in enumerate(self._kinds)
             if one.stylus and other is not None and other.sphere == probed and probed >= 0
-        ]  # fmt: skip
+        ]
 
     def _seat(self, seated: bool) -> None:
         """Whether the styli may touch the probed sphere from now on."""
@@ -86,18 +88,25 @@ class CollisionCheck:
         """Whether anything touches in posture q (n,); `seated`: but for styli and probed sphere."""
         self._seat(seated)
         touching: bool = pinocchio.computeCollisions(
-            self._arm.model, self._arm.data, self._geometry, self._data,
-            np.ascontiguousarray(q, dtype=np.float64), True,
-        )  # fmt: skip
+            self._arm.model,
+            self._arm.data,
+            self._geometry,
+            self._data,
+            np.ascontiguousarray(q, dtype=np.float64),
+            True,
+        )
         return touching
 
     def gap(self, q: Array, seated: bool = True) -> float:
         """How far apart (m) what comes nearest to one another is, negative where it overlaps."""
         self._seat(seated)
         nearest = pinocchio.computeDistances(
-            self._arm.model, self._arm.data, self._geometry, self._data,
+            self._arm.model,
+            self._arm.data,
+            self._geometry,
+            self._data,
             np.ascontiguousarray(q, dtype=np.float64),
-        )  # fmt: skip
+        )
         return float(self._data.distanceResults[nearest].min_distance)
 
     def contact(self, q: Array, seated: bool = True) -> str:

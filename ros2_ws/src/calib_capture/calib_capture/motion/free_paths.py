@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib_capture.bodies import Bodies
-from calib_capture.collision import CollisionCheck
-from calib_capture.detour import detour
-from calib_model.arm import Arm
-from calib_model.rotation import Array
+from calib_capture.motion.bodies import Bodies
+from calib_capture.motion.collision import CollisionCheck
+from calib_capture.motion.rrt_connect import detour
+from calib_model.arrays import Array
+from calib_model.instruments import Arm
 
 FINEST = 1e-3  # m that anything moves in a piece that is not halved, where no clearance is asked
 
@@ -75,9 +75,12 @@ class Ways:
             return None
         generator = np.random.default_rng(0)
         return detour(
-            start, goal, lambda a, b: self.clear(b) and self.free(a, b),
-            lambda: generator.uniform(self._lower, self._upper), self.reach,
-        )  # fmt: skip
+            start,
+            goal,
+            lambda a, b: self.clear(b) and self.free(a, b),
+            lambda: generator.uniform(self._lower, self._upper),
+            self.reach,
+        )
 
 
 def _reach(arm: Arm, bodies: Bodies | None) -> Array:

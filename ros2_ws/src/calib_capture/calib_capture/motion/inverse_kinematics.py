@@ -8,10 +8,10 @@ from itertools import product
 import numpy as np
 from eaik.IK_DH import DhRobot
 
-from calib_model.arm import Arm, NDArrayBool
+from calib_model.arrays import Array
 from calib_model.errors import CalibrationError
-from calib_model.kinematics import forward
-from calib_model.rotation import Array
+from calib_model.instruments import Arm, NDArrayBool
+from calib_model.kinematics import forward_kinematics
 
 EXACT = 1e-9  # m and rad: a solution is one when forward kinematics says so
 SAME = 1e-6  # rad: closer postures are the same one
@@ -95,15 +95,16 @@ class InverseKinematics:
             if not np.isfinite(upper - lower):
                 choices.append([float(value)])
                 continue
-            turns = np.arange(np.ceil((lower - value) / (2 * np.pi)),
-                              np.floor((upper - value) / (2 * np.pi)) + 1)  # fmt: skip
+            turns = np.arange(
+                np.ceil((lower - value) / (2 * np.pi)), np.floor((upper - value) / (2 * np.pi)) + 1
+            )
             choices.append([float(value + 2 * np.pi * turn) for turn in turns])
         return np.array(list(product(*choices))).reshape(-1, self.arm.n)
 
     def _reaches(self, q: Array, T_base_flange: Array) -> NDArrayBool:
         if len(q) == 0:
             return np.zeros(0, dtype=bool)
-        off = np.abs(forward(self.arm, q) - T_base_flange)
+        off = np.abs(forward_kinematics(self.arm, q) - T_base_flange)
         reached: NDArrayBool = off.max(axis=(1, 2)) <= EXACT
         return reached
 

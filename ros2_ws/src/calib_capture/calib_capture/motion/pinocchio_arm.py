@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio
 
-from calib_model.arm import Arm, Joint
-from calib_model.rotation import Array
+from calib_model.arrays import Array
+from calib_model.instruments import Arm, Joint
 
 
 class PinocchioArm:
@@ -26,9 +26,7 @@ class PinocchioArm:
             parent = self._add_joint(joint, parent, placement)
             placement = _after_joint(joint)
         placement = placement * pinocchio.SE3(arm.dh_T_flange.matrix())
-        flange = pinocchio.Frame(
-            arm.flange_frame, parent, placement, pinocchio.FrameType.OP_FRAME
-        )
+        flange = pinocchio.Frame(arm.flange_frame, parent, placement, pinocchio.FrameType.OP_FRAME)
         self.flange_frame = self.model.addFrame(flange)
         self.data = self.model.createData()
 
@@ -36,9 +34,15 @@ class PinocchioArm:
         axis = np.array([0.0, 0.0, float(joint.direction)])
         lower, upper = joint.limits
         index: int = self.model.addJoint(
-            parent, pinocchio.JointModelRevoluteUnaligned(axis), placement, joint.name,
-            np.array([np.inf]), np.array([joint.velocity]), np.array([lower]), np.array([upper]),
-        )  # fmt: skip
+            parent,
+            pinocchio.JointModelRevoluteUnaligned(axis),
+            placement,
+            joint.name,
+            np.array([np.inf]),
+            np.array([joint.velocity]),
+            np.array([lower]),
+            np.array([upper]),
+        )
         return index
 
     def flange_pose(self, q: Array) -> Array:
@@ -50,9 +54,12 @@ class PinocchioArm:
     def flange_jacobian(self, q: Array) -> Array:
         """The flange's velocity (6, n) per joint speed, axes of the base: linear, then angular."""
         jacobian: Array = pinocchio.computeFrameJacobian(
-            self.model, self.data, np.asarray(q, dtype=np.float64), self.flange_frame,
+            self.model,
+            self.data,
+            np.asarray(q, dtype=np.float64),
+            self.flange_frame,
             pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED,
-        )  # fmt: skip
+        )
         return jacobian
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from calib_model.rotation import Array
+from calib_model.arrays import Array
 
 STRIDE = 0.4  # m that anything moves at most from node to node
 TRIALS = 400

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.arm import Arm, NDArrayBool
+from calib_model.arrays import Array, frozen
 from calib_model.errors import CalibrationError
-from calib_model.rotation import Array, frozen
+from calib_model.instruments import Arm, NDArrayBool
 
 DWELL_STEP = 0.05  # s: at rest, states this near let a probe be read between them
 MOTION_STEP = 5.0  # s: on the way, where nothing is measured
@@ -136,3 +136,44 @@ class Motion:
             else:
                 stretches.append((number, number + 1, resting))
         return stretches
+
+
+def travel_time(start: Array, goals: Array, velocity: Array) -> Array:
+    """Seconds (K,) from posture `start` (n,) to `goals` (K, n) at the joints' speeds (n,)."""
+    finite = np.where(np.isfinite(velocity), velocity, 1.0)
+    seconds: Array = np.max(np.abs(goals - start) / finite, axis=1)
+    return seconds
+
+
+SHORTEST_MOVE = 0.15  # s: arms take their time to set off and to stop
+
+
+class Leg:
+    """From posture `here` on, at joint speeds (n,) in rad/s; `seconds` are from the start."""
+
+    def __init__(self, here: Array, velocity: Array) -> None:
+        self.here = here
+        self.seconds: list[float] = []
+        self.positions: list[Array] = []
+        self._velocity = velocity
+        self._now = 0.0
+
+    def to(self, posture: Array, slowest: float = SHORTEST_MOVE) -> None:
+        """On to a posture (n,), in `slowest` s or what the joints need."""
+        self._now += max(float(travel_time(self.here, posture[None], self._velocity)[0]), slowest)
+        self._append(posture)
+
+    def along(self, postures: Array, seconds: float) -> None:
+        """By all of some postures (K, n), in so many seconds or what the joints need."""
+        for posture in postures:
+            self.to(posture, max(seconds, SHORTEST_MOVE) / len(postures))
+
+    def rest(self, seconds: float) -> None:
+        """Stay."""
+        self._now += seconds
+        self._append(self.here)
+
+    def _append(self, posture: Array) -> None:
+        self.seconds.append(self._now)
+        self.positions.append(posture)
+        self.here = posture

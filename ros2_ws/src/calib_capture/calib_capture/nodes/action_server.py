@@ -17,15 +17,14 @@ from rclpy.executors import Executor
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
-from calib_capture.capture_parameters_node import CaptureParameters, ParameterReader
-from calib_capture.capturing_node import Capturing, Stopped, Watcher
-from calib_capture.led_session import LedSession
-from calib_capture.measuring_node import TICK, CaptureNode
-from calib_capture.session import CaptureSession
-from calib_capture.showing_node import Showing
-from calib_capture.teaching_node import Teaching
+from calib_capture.nodes.capture_graph import TICK, CaptureNode
+from calib_capture.nodes.capture_run import Capturing, Stopped, Watcher
+from calib_capture.nodes.marker_publisher import Showing
+from calib_capture.nodes.parameters import CaptureParameters, ParameterReader
+from calib_capture.nodes.teach_service import Teaching
+from calib_capture.recording import CaptureSession, LedSession
 from calib_model.errors import CalibrationError
-from calib_model.parameters_node import Proposal
+from calib_model.nodes import Proposal
 
 FEEDBACK_PERIOD = 0.25  # s
 
@@ -38,9 +37,12 @@ def asked_by(goal: Capture.Goal, asked: CaptureParameters) -> CaptureParameters:
         poses_per_sphere=int(goal.poses_per_sphere) or asked.program.poses_per_sphere,
     )
     return replace(
-        asked, locations=tuple(goal.locations) or asked.locations,
-        output=goal.bag or asked.output, program=program, resume=goal.resume or asked.resume,
-    )  # fmt: skip
+        asked,
+        locations=tuple(goal.locations) or asked.locations,
+        output=goal.bag or asked.output,
+        program=program,
+        resume=goal.resume or asked.resume,
+    )
 
 
 class CaptureServer:
@@ -57,9 +59,13 @@ class CaptureServer:
         self._taken = False  # a goal is accepted and not yet answered
         self._next: tuple[ServerGoalHandle, Future] | None = None
         self._action = ActionServer(
-            node, Capture, '/capture/run', self._execute,
-            goal_callback=self._on_goal, cancel_callback=lambda _: CancelResponse.ACCEPT,
-        )  # fmt: skip
+            node,
+            Capture,
+            '/capture/run',
+            self._execute,
+            goal_callback=self._on_goal,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._after_set)
 
@@ -123,9 +129,10 @@ class CaptureServer:
         bag = str(Path(node.asked.output).absolute())
         existed = os.path.exists(bag)
         watcher = Watcher(
-            log.info, _Feedback(handle),
+            log.info,
+            _Feedback(handle),
             lambda: bool(handle.is_cancel_requested) or self._stopped(),
-        )  # fmt: skip
+        )
         capturing = Capturing(node, self._executor, watcher, self._showing)
         success = False
         try:
@@ -142,9 +149,12 @@ class CaptureServer:
         log.info(message)
         written = success or (os.path.exists(bag) and not existed)
         return Capture.Result(
-            success=success, message=message, bag=bag if written else '',
-            taken=capturing.tally.taken, refused=sum(capturing.tally.refused.values()),
-        )  # fmt: skip
+            success=success,
+            message=message,
+            bag=bag if written else '',
+            taken=capturing.tally.taken,
+            refused=sum(capturing.tally.refused.values()),
+        )
 
 
 class _Feedback:
@@ -159,8 +169,13 @@ class _Feedback:
         if current is None or now - self._told < FEEDBACK_PERIOD:
             return
         self._told = now
-        self._handle.publish_feedback(Capture.Feedback(
-            location=current.location, sphere=current.sphere, taken=tally.taken,
-            refused=sum(tally.refused.values()), planned=tally.planned,
-            seconds_left=session.run.seconds_left(now),
-        ))  # fmt: skip
+        self._handle.publish_feedback(
+            Capture.Feedback(
+                location=current.location,
+                sphere=current.sphere,
+                taken=tally.taken,
+                refused=sum(tally.refused.values()),
+                planned=tally.planned,
+                seconds_left=session.run.seconds_left(now),
+            )
+        )

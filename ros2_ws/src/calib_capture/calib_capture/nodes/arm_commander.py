@@ -12,8 +12,8 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from trajectory_msgs.msg import JointTrajectory
 
-from calib_capture.messages import qos_of
-from calib_capture.run import RunError
+from calib_capture.recording import RunError
+from calib_model.nodes import qos_of
 from calib_model.topics import CAPTURE_POSES, JOINT_TRAJECTORY
 
 PARTICIPANT = 12  # bytes of a gid that all of one process share
@@ -80,9 +80,10 @@ class Commanding:
         poses = self._node.get_publishers_info_by_topic(CAPTURE_POSES.name)
         captures = {_gid(at)[:PARTICIPANT] for at in poses}
         return [
-            at for at in self._published()
+            at
+            for at in self._published()
             if (not self._own or _gid(at) < self._own) and _gid(at)[:PARTICIPANT] in captures
-        ]  # fmt: skip
+        ]
 
 
 def node_names(find: Callable[[], Iterable[Any]]) -> str:

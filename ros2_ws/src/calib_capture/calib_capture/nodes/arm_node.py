@@ -17,17 +17,15 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-from calib_capture.configuration import configured, explained
-from calib_capture.executor_node import lean_executor
-from calib_capture.messages import SECOND, joint_state, points_of, qos_of
-from calib_capture.pinocchio_arm import PinocchioArm
-from calib_capture.trajectory import Motion, TrajectoryError, checked_trajectory
-from calib_model.arm import Arm
-from calib_model.command import run_command
-from calib_model.description import arm_yaml, parse_arm
-from calib_model.parameters_node import Parameters
-from calib_model.rotation import Array
-from calib_model.run_node import NodeCommand, run_node
+from calib_capture.default_files import configured, explained
+from calib_capture.motion import Motion, PinocchioArm, TrajectoryError, checked_trajectory
+from calib_capture.nodes.messages import joint_state, points_of
+from calib_model.arrays import Array
+from calib_model.command_line import run_command
+from calib_model.descriptions import arm_yaml, parse_arm
+from calib_model.instruments import Arm
+from calib_model.nodes import NodeCommand, Parameters, lean_executor, qos_of, run_node
+from calib_model.stamps import SECOND
 from calib_model.topics import (
     ARM_DESCRIPTION,
     JOINT_STATES,

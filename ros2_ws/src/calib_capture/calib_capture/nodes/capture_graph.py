@@ -16,27 +16,32 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-from calib_capture.capture_parameters_node import CONTINUOUS, ParameterReader
-from calib_capture.commanding_node import Commanding, node_names
-from calib_capture.led import LedRun
-from calib_capture.led_note import LedNote
-from calib_capture.led_session import LedSession
-from calib_capture.messages import joint_trajectory, joints_of, qos_of, stamp_of
-from calib_capture.planner import Planner
-from calib_capture.program import Program
-from calib_capture.publishers import Numbered, Origin, Publishers, several
-from calib_capture.recorder import Recorder
-from calib_capture.run import MeasuringRun, RunError, SourceError
-from calib_capture.session import CaptureSession
-from calib_capture.sphere_finder import SphereFinder
-from calib_capture.trajectory import Trajectory
-from calib_model.bag_account import FileAccount
-from calib_model.clock_offset import ClockEstimate
-from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
+from calib_capture.motion import Trajectory
+from calib_capture.nodes.arm_commander import Commanding, node_names
+from calib_capture.nodes.messages import joint_trajectory
+from calib_capture.nodes.parameters import CONTINUOUS, ParameterReader
+from calib_capture.program import Planner, Program
+from calib_capture.recording import (
+    CaptureSession,
+    LedNote,
+    LedRun,
+    LedSession,
+    MeasuringRun,
+    Numbered,
+    Origin,
+    Publishers,
+    Recorder,
+    RunError,
+    SourceError,
+    several,
+)
+from calib_model.bags import FileAccount
+from calib_model.descriptions import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.errors import ParameterError
-from calib_model.pairing import JointSample, Pairing, Reading
-from calib_model.probe import PassiveProbe
-from calib_model.rotation import RigidTransform
+from calib_model.instruments import PassiveProbe
+from calib_model.labelling import SphereFinder
+from calib_model.nodes import joints_of, qos_of, stamp_of
+from calib_model.pairing import ClockEstimate, JointSample, Pairing, Reading
 from calib_model.topics import (
     ARM_DESCRIPTION,
     CAPTURE_POSES,
@@ -47,6 +52,7 @@ from calib_model.topics import (
     PROBE_DISPLACEMENTS,
     Topic,
 )
+from calib_model.transforms import RigidTransform
 
 T = TypeVar('T')
 TICK = 0.02  # s
@@ -107,9 +113,10 @@ class CaptureNode(Node):
     def missing_descriptions(self) -> str:
         """The topics of the descriptions that have not come; empty when all have."""
         missing = [
-            topic.name for key, topic in DESCRIPTIONS.items()
+            topic.name
+            for key, topic in DESCRIPTIONS.items()
             if not self.asked.paths[key] and key not in self._texts
-        ]  # fmt: skip
+        ]
         return ', '.join(missing)
 
     def describe(self) -> None:
@@ -163,8 +170,9 @@ class CaptureNode(Node):
         now = time.monotonic()
         return ', '.join(
             f'{topic.name}, silent for {now - heard:.0f} s'
-            for topic, heard in self._heard.items() if now - heard > SILENT
-        )  # fmt: skip
+            for topic, heard in self._heard.items()
+            if now - heard > SILENT
+        )
 
     def lost(self) -> str:
         """How many messages did not arrive since the session began; empty when all did."""
@@ -207,15 +215,26 @@ class CaptureNode(Node):
         self.failure = None
         self._count_anew()
         recorder = Recorder(
-            self.asked.output, self.arm, self.probe, self.gauge, self._announce, time.time_ns(),
-            self.asked.steady, earlier,
-        )  # fmt: skip
+            self.asked.output,
+            self.arm,
+            self.probe,
+            self.gauge,
+            self._announce,
+            time.time_ns(),
+            self.asked.steady,
+            earlier,
+        )
         run = MeasuringRun(self.arm, program, self.asked.run, time.monotonic())
         self._session = CaptureSession(
-            run, Pairing(self.asked.steady), recorder, self.arm.base_frame,
-            self._command, time.monotonic, time.time_ns,
+            run,
+            Pairing(self.asked.steady),
+            recorder,
+            self.arm.base_frame,
+            self._command,
+            time.monotonic,
+            time.time_ns,
             ClockEstimate(self.arm, self.probe, self.gauge),
-        )  # fmt: skip
+        )
         return self._session
 
     def begin_led(self, earlier: Sequence[FileAccount], noted: LedNote) -> LedSession:
@@ -228,16 +247,28 @@ class CaptureNode(Node):
             self._count_anew()
         asked, now = self.asked, time.monotonic
         recorder = Recorder(
-            asked.output, self.arm, self.probe, self.gauge, self._announce, time.time_ns(),
-            asked.steady, earlier,
-        )  # fmt: skip
+            asked.output,
+            self.arm,
+            self.probe,
+            self.gauge,
+            self._announce,
+            time.time_ns(),
+            asked.steady,
+            earlier,
+        )
         finder = SphereFinder(self.arm, self.probe, self.gauge, noted.placements, noted.spheres)
         planned = len(finder.labels) * asked.program.poses_per_sphere
         session = LedSession(
             LedRun(finder, noted.settings, planned),
-            ClockEstimate(self.arm, self.probe, self.gauge), recorder, noted,
-            self.arm.base_frame, now, time.time_ns, asked.silence, asked.correct_clock,
-        )  # fmt: skip
+            ClockEstimate(self.arm, self.probe, self.gauge),
+            recorder,
+            noted,
+            self.arm.base_frame,
+            now,
+            time.time_ns,
+            asked.silence,
+            asked.correct_clock,
+        )
         self._session = session
         early, self._early = self._early, []
         for message, raw, origin in early:

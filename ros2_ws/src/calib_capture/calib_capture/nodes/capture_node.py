@@ -16,20 +16,17 @@ from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.executors import Executor
 from rclpy.parameter import Parameter
 
-from calib_capture.capture_parameters_node import ParameterReader
-from calib_capture.capturing_node import Capturing, Stopped, Watcher
-from calib_capture.executor_node import lean_executor
-from calib_capture.led_session import LedSession
-from calib_capture.measuring_node import CaptureNode
-from calib_capture.serving_node import CaptureServer
-from calib_capture.session import CaptureSession
-from calib_capture.showing_node import Showing
-from calib_capture.teach import TaughtBook
-from calib_model.command import run_command
+from calib_capture.nodes.action_server import CaptureServer
+from calib_capture.nodes.capture_graph import CaptureNode
+from calib_capture.nodes.capture_run import Capturing, Stopped, Watcher
+from calib_capture.nodes.marker_publisher import Showing
+from calib_capture.nodes.parameters import ParameterReader
+from calib_capture.program import TaughtBook
+from calib_capture.recording import CaptureSession, LedSession
+from calib_model.command_line import run_command
 from calib_model.errors import ParameterError
-from calib_model.parameters_node import warn_of_unknown
+from calib_model.nodes import NodeCommand, init, lean_executor, warn_of_unknown
 from calib_model.progress import Progress
-from calib_model.run_node import NodeCommand, init
 
 ABOUT = """\
 Runs a measuring program on the arm and the probe that it hears, and records the bag. With

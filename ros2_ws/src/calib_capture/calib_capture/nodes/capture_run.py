@@ -11,17 +11,24 @@ from threading import Thread
 
 from rclpy.executors import Executor
 
-from calib_capture.capture_parameters_node import CONTINUOUS
-from calib_capture.led import LedTally
-from calib_capture.led_note import LED_NOTE, LedNote
-from calib_capture.led_session import LedSession
-from calib_capture.measuring_node import TICK, CaptureNode
+from calib_capture.nodes.capture_graph import TICK, CaptureNode
+from calib_capture.nodes.marker_publisher import Showing
+from calib_capture.nodes.parameters import CONTINUOUS
 from calib_capture.program import Program
-from calib_capture.resume import Begun, begun, remaining
-from calib_capture.run import RunError, SourceError, Tally
-from calib_capture.session import CaptureSession
-from calib_capture.showing_node import Showing
-from calib_model.bag_reader import read_note
+from calib_capture.recording import (
+    LED_NOTE,
+    Begun,
+    CaptureSession,
+    LedNote,
+    LedSession,
+    LedTally,
+    RunError,
+    SourceError,
+    Tally,
+    begun,
+    remaining,
+)
+from calib_model.bags import read_note
 from calib_model.errors import BagError, CalibrationError
 
 REMINDER = 3.0  # s between two lines that say what is being waited for
@@ -36,7 +43,7 @@ class Watcher:
     stopped: Callable[[], bool]
 
 
-class Stopped(Exception):  # noqa: N818  # not an error: what was wished for
+class Stopped(Exception):  # not an error: what was wished for
     """The capture was stopped; its argument is the summary."""
 
 

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 
 from visualization_msgs.msg import MarkerArray
 
-from calib_capture.markers import Marker, gauge_markers, outcome_markers, program_markers
-from calib_capture.measuring_node import CaptureNode
-from calib_capture.messages import marker_array, qos_of
-from calib_capture.program import Program
-from calib_capture.session import CaptureSession
+from calib_capture.nodes.capture_graph import CaptureNode
+from calib_capture.nodes.messages import marker_array
+from calib_capture.program import Marker, Program, gauge_markers, outcome_markers, program_markers
+from calib_capture.recording import CaptureSession
+from calib_model.nodes import qos_of
 from calib_model.topics import CAPTURE_MARKERS
 
 PERIOD = 1.0  # s between two pictures of a run
@@ -39,9 +39,7 @@ class Showing:
         """What is going to be done."""
         node = self._node
         self._program = program
-        self._planned = program_markers(
-            program, node.arm, node.probe, node.gauge, node.placements
-        )
+        self._planned = program_markers(program, node.arm, node.probe, node.gauge, node.placements)
         self._publish(self._planned)
 
     def progress(self, session: CaptureSession, last: bool = False) -> None:
@@ -53,9 +51,7 @@ class Showing:
         if not last and not self._publisher.get_subscription_count():
             return
         node = self._node
-        done = outcome_markers(
-            session.outcomes, self._program, node.arm, node.probe, node.gauge
-        )
+        done = outcome_markers(session.outcomes, self._program, node.arm, node.probe, node.gauge)
         self._publish([*self._planned, *done])
         now = time.monotonic()
         self._due = max(self._due, now + (now - begin) / SHARE)

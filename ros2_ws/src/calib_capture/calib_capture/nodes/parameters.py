@@ -8,18 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from calib_capture.bodies import BodySettings, parse_bodies
-from calib_capture.configuration import configured, explained
-from calib_capture.moving import MovingSettings
+from calib_capture.default_files import configured, explained
+from calib_capture.motion import BodySettings, parse_bodies
 from calib_capture.program import ProgramSettings
-from calib_capture.run import RunSettings
-from calib_model.description import read_description
+from calib_capture.recording import RunSettings
+from calib_model.descriptions import parse_placements, read_description
 from calib_model.errors import ParameterError
-from calib_model.pairing import SteadySettings
-from calib_model.parameters_node import Parameters
-from calib_model.permitted import Folders, usual_writing
-from calib_model.placement import parse_placements
-from calib_model.rotation import RigidTransform
+from calib_model.files import Folders, usual_writing
+from calib_model.nodes import Parameters
+from calib_model.pairing import MovingSettings, SteadySettings
+from calib_model.transforms import RigidTransform
 
 _APPROACH = "m along the probe's axis that must be free before every pose"
 _POOL = 'candidates for every pose, of which the most telling are taken; 1: as they come'
@@ -146,8 +144,10 @@ class ParameterReader:
             offset=(float(offsets[0]), float(offsets[1])),
             approach=self._number('approach', default.approach, _APPROACH, 0.0, 1.0),
             drive_approach=self._parameters.flag(
-                'drive_approach', default.drive_approach,
-                'whether the arm comes and leaves by it; if not, ways are not looked at', _later,
+                'drive_approach',
+                default.drive_approach,
+                'whether the arm comes and leaves by it; if not, ways are not looked at',
+                _later,
             ),
             pool=self._whole('pool', default.pool, _POOL, 1, 1000),
             bodies=self._bodies(),

@@ -18,12 +18,11 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
-from calib_capture.playback import OfferedQos, Playback, Timing, offered_qos, read_playback
-from calib_model.bag_reader import BagMessage
-from calib_model.command import CommandParser, number_from, run_command
+from calib_capture.replaying import OfferedQos, Playback, Timing, offered_qos, read_playback
+from calib_model.bags import BagMessage
+from calib_model.command_line import CommandParser, number_from, run_command
 from calib_model.errors import BagError, ParameterError
-from calib_model.parameters_node import warn_of_unknown
-from calib_model.run_node import init, refuse_other_encodings
+from calib_model.nodes import init, refuse_other_encodings, warn_of_unknown
 
 SETTLED = 0.3  # s without a new subscriber after which those that will listen are taken to be there
 DELIVERY = 2.0  # s to wait at the end for what reliable subscribers have not acknowledged
@@ -166,9 +165,12 @@ def _replay() -> None:
     parser.add_argument('--loop', action='store_true', help='from the start again, until Ctrl-C')
     parser.add_argument('--clock', action='store_true', help="publish the bag's time on /clock")
     parser.add_argument(
-        '--wait', type=number_from(0, 3600), default=2.0, metavar='S',
+        '--wait',
+        type=number_from(0, 3600),
+        default=2.0,
+        metavar='S',
         help='longest time to wait for subscribers before playing (default: %(default)s)',
-    )  # fmt: skip
+    )
     refuse_other_encodings(sys.argv)
     try:
         given = parser.parse_args(remove_ros_args(sys.argv)[1:])

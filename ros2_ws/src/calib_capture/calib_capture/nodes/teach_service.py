@@ -9,10 +9,16 @@ from collections import deque
 
 from calib_interfaces.srv import Teach
 
-from calib_capture.measuring_node import CaptureNode
-from calib_capture.showing_node import Showing
-from calib_capture.standing import standing_pose
-from calib_capture.teach import TaughtBook, TaughtSphere, TeachError, probed_sphere, taught_location
+from calib_capture.nodes.capture_graph import CaptureNode
+from calib_capture.nodes.marker_publisher import Showing
+from calib_capture.program import (
+    TaughtBook,
+    TaughtSphere,
+    TeachError,
+    probed_sphere,
+    taught_location,
+)
+from calib_capture.recording import pose_at_rest
 from calib_model.errors import CalibrationError
 from calib_model.pairing import JointSample, Reading, SteadySettings
 
@@ -96,10 +102,14 @@ class Teaching:
             raise TeachError('no joint states from the arm')
         asked = node.asked.steady
         settings = SteadySettings(
-            settle=0.0, dwell=WINDOW, max_speed=asked.max_speed, max_spread=asked.max_spread,
-            max_gap=asked.max_gap, min_readings=asked.min_readings,
-        )  # fmt: skip
-        pose = standing_pose(list(self._joints), list(self._readings), settings)
+            settle=0.0,
+            dwell=WINDOW,
+            max_speed=asked.max_speed,
+            max_spread=asked.max_spread,
+            max_gap=asked.max_gap,
+            min_readings=asked.min_readings,
+        )
+        pose = pose_at_rest(list(self._joints), list(self._readings), settings)
         return probed_sphere(
             node.arm, node.probe, node.gauge, number, pose.joints, pose.displacement
         )

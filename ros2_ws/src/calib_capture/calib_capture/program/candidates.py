@@ -9,17 +9,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calib_capture.approach import retreat, singular_margin
-from calib_capture.bodies import BodySettings, bodies_of
-from calib_capture.collision import CollisionCheck
-from calib_capture.inverse import InverseKinematics
-from calib_capture.pinocchio_arm import PinocchioArm
-from calib_capture.ways import Ways
-from calib_model.arm import Arm
-from calib_model.gauge import Gauge
+from calib_capture.motion import (
+    BodySettings,
+    CollisionCheck,
+    InverseKinematics,
+    PinocchioArm,
+    Ways,
+    bodies_of,
+    retreat,
+    singular_margin,
+)
+from calib_model.arrays import Array
+from calib_model.instruments import Arm, Gauge, Probe
 from calib_model.kinematics import joint_frames
-from calib_model.probe import Probe
-from calib_model.rotation import Array, RigidTransform
+from calib_model.transforms import RigidTransform
 
 NO_BRANCH = '-'  # where it was the hand that no branch reaches
 OUT_OF_REACH = 'out of reach'

@@ -7,17 +7,17 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from calib_capture.candidates import Hand
-from calib_capture.orientations import (
+from calib_capture.program.candidates import Hand
+from calib_capture.program.orientations import (
     cap_directions,
     even_sequence,
     looking_along,
     sphere_directions,
 )
-from calib_capture.program import ProgramError, ProgramSettings
-from calib_model.gauge import Gauge
-from calib_model.probe import ActiveProbe, Probe
-from calib_model.rotation import Array, RigidTransform
+from calib_capture.program.program import ProgramError, ProgramSettings
+from calib_model.arrays import Array
+from calib_model.instruments import ActiveProbe, Gauge, Probe
+from calib_model.transforms import RigidTransform
 
 # one number each for: direction (2), spin, offset (2), its length, redundant joint
 CHOICES = 7
@@ -35,9 +35,12 @@ class Hands:
     """
 
     def __init__(
-        self, probe: Probe, gauge: Gauge, settings: ProgramSettings,
+        self,
+        probe: Probe,
+        gauge: Gauge,
+        settings: ProgramSettings,
         redundant: tuple[float, float],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._probe = probe
         self._gauge = gauge
         self._settings = settings
@@ -60,9 +63,12 @@ class Hands:
         return seat
 
     def around(
-        self, T_base_gauge: RigidTransform, sphere: int, key: tuple[int, ...],
+        self,
+        T_base_gauge: RigidTransform,
+        sphere: int,
+        key: tuple[int, ...],
         offset_share: float = 1.0,
-    ) -> Iterator[Hand]:  # fmt: skip
+    ) -> Iterator[Hand]:
         """Hands around a sphere of the gauge where it stands; another `key`, other ones.
 
         Raises:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from calib_capture.program import Program
+from calib_capture.program.program import Program
 
 FREQUENT = 3  # reasons named per sphere
 
@@ -47,12 +47,18 @@ def _spheres(program: Program) -> list[str]:
     for plan in program.spheres:
         counts = Counter(pose.branch for pose in plan.poses)
         reasons = plan.reasons
-        rows.append([
-            str(plan.location), str(plan.sphere), str(len(plan.poses)),
-            *(str(counts[branch]) for branch in branches), str(len(plan.spares)),
-            str(plan.orientations), str(sum(reasons.values())),
-            ', '.join(f'{reason} {n}' for reason, n in list(reasons.items())[:FREQUENT]),
-        ])  # fmt: skip
+        rows.append(
+            [
+                str(plan.location),
+                str(plan.sphere),
+                str(len(plan.poses)),
+                *(str(counts[branch]) for branch in branches),
+                str(len(plan.spares)),
+                str(plan.orientations),
+                str(sum(reasons.values())),
+                ', '.join(f'{reason} {n}' for reason, n in list(reasons.items())[:FREQUENT]),
+            ]
+        )
     return _table(rows)
 
 

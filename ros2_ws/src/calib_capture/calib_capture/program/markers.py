@@ -8,13 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_capture.program import Program
-from calib_model.arm import Arm
-from calib_model.gauge import Gauge
-from calib_model.kinematics import forward
+from calib_capture.program.program import Program
+from calib_model.arrays import Array, frozen
+from calib_model.instruments import Arm, Gauge, Probe
+from calib_model.kinematics import forward_kinematics
 from calib_model.pairing import Outcome, Refusal, SteadyPose
-from calib_model.probe import Probe
-from calib_model.rotation import Array, RigidTransform, frozen
+from calib_model.transforms import RigidTransform
 
 Color = tuple[float, float, float, float]
 SPHERES, LINES = 'spheres', 'lines'
@@ -54,9 +53,12 @@ def gauge_markers(gauge: Gauge, placements: Mapping[int, RigidTransform]) -> lis
 
 
 def program_markers(
-    program: Program, arm: Arm, probe: Probe, gauge: Gauge,
+    program: Program,
+    arm: Arm,
+    probe: Probe,
+    gauge: Gauge,
     placements: Mapping[int, RigidTransform],
-) -> list[Marker]:  # fmt: skip
+) -> list[Marker]:
     """The gauge at each location of the program, its probed spheres (blue, red where out of
     reach), and a pale needle for each planned pose from where the probe comes."""
     locations = sorted({plan.location for plan in program.spheres})
@@ -113,7 +115,7 @@ def _needles(
 ) -> Marker:
     """From the sphere's centre back along the probe's axis, for postures (K, n) of the arm with
     the sphere at `seats` (K, 3) in the probe."""
-    T = forward(arm, joints) @ probe.flange_T_probe.matrix()
+    T = forward_kinematics(arm, joints) @ probe.flange_T_probe.matrix()
     centers = np.einsum('nij,nj->ni', T[:, :3, :3], seats) + T[:, :3, 3]
     ends = np.stack([centers, centers - NEEDLE * T[:, :3, 2]], axis=1).reshape(-1, 3)
     return Marker(group, number, LINES, frozen(ends), THIN, color)

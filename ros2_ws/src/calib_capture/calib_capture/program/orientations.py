@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib_model.rotation import Array
+from calib_model.arrays import Array
 
 
 def even_sequence(count: int, dimensions: int, start: Array, skipped: int = 0) -> Array:

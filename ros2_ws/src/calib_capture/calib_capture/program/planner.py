@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_capture.candidates import (
+from calib_capture.program.candidates import (
     NO_FREE_WAY,
     Candidate,
     Candidates,
@@ -19,9 +19,9 @@ from calib_capture.candidates import (
     branch_names,
     joints_of,
 )
-from calib_capture.choice import Indices, Pool, Telling, choose, information_of
-from calib_capture.hands import Hands
-from calib_capture.program import (
+from calib_capture.program.flange_poses import Hands
+from calib_capture.program.pose_selection import Indices, Pool, Telling, choose, information_of
+from calib_capture.program.program import (
     Contacts,
     Expected,
     PlannedPose,
@@ -31,12 +31,11 @@ from calib_capture.program import (
     Router,
     SpherePlan,
 )
-from calib_capture.visiting import Visit, Visiting
-from calib_model.arm import Arm
-from calib_model.gauge import Gauge
-from calib_model.probe import Probe
+from calib_capture.program.visiting_order import Visit, Visiting
+from calib_model.arrays import Array, frozen
+from calib_model.instruments import Arm, Gauge, Probe
 from calib_model.progress import Pace, Progress, paced
-from calib_model.rotation import Array, RigidTransform, frozen
+from calib_model.transforms import RigidTransform
 
 SPARE_SHARE = 0.2
 REST_TRIALS = 2000
@@ -73,9 +72,11 @@ class Planner:
         self.telling = Telling(arm, probe, gauge, settings.choice)
 
     def program(
-        self, placements: Mapping[int, RigidTransform], locations: Sequence[int] = (),
+        self,
+        placements: Mapping[int, RigidTransform],
+        locations: Sequence[int] = (),
         progress: Progress | None = None,
-    ) -> Program:  # fmt: skip
+    ) -> Program:
         """The program for `locations` (all when empty) of `placements` (`T_base_gauge`);
         `progress` hears how far it is.
 
@@ -142,9 +143,12 @@ class Planner:
         )
 
     def _plans(
-        self, places: Mapping[int, RigidTransform], drafts: Sequence[Draft],
-        picked: Sequence[Sequence[Candidate]], progress: Progress | None = None,
-    ) -> tuple[tuple[SpherePlan, ...], list[Indices]]:  # fmt: skip
+        self,
+        places: Mapping[int, RigidTransform],
+        drafts: Sequence[Draft],
+        picked: Sequence[Sequence[Candidate]],
+        progress: Progress | None = None,
+    ) -> tuple[tuple[SpherePlan, ...], list[Indices]]:
         """One sphere after the other; from location to location by a posture of rest that is
         clear of the gauge at all of them. And which of the picked are visited."""
         driven = self.settings.by_approach
@@ -210,9 +214,14 @@ class Planner:
         none = np.empty((0, self.arm.n))
         spares = tuple(self._planned(draft, each, 0, none) for each in draft.spares.found)
         return SpherePlan(
-            draft.location, draft.sphere, tuple(poses), spares if poses else (),
-            draft.candidates.tried, draft.candidates.unreachable, refused,
-        )  # fmt: skip
+            draft.location,
+            draft.sphere,
+            tuple(poses),
+            spares if poses else (),
+            draft.candidates.tried,
+            draft.candidates.unreachable,
+            refused,
+        )
 
     def _planned(
         self, draft: Draft, candidate: Candidate, which: int, way: Array, branch: str = ''
@@ -220,9 +229,15 @@ class Planner:
         joints, settings = candidate.postures[which], self.settings
         steps = candidate.way[::-1] if settings.by_approach else candidate.way[:0]
         return PlannedPose(
-            draft.location, draft.sphere, frozen(joints), frozen(candidate.p_probe_sphere),
-            frozen(joints + steps), branch, frozen(way), settings.approach if len(steps) else 0.0,
-        )  # fmt: skip
+            draft.location,
+            draft.sphere,
+            frozen(joints),
+            frozen(candidate.p_probe_sphere),
+            frozen(joints + steps),
+            branch,
+            frozen(way),
+            settings.approach if len(steps) else 0.0,
+        )
 
     def _router(self, places: Mapping[int, RigidTransform]) -> Router | None:
         """Ways to a pose from where the program did not foresee the arm to be."""

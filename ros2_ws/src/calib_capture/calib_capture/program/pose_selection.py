@@ -19,13 +19,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.arm import Arm
-from calib_model.freedom import identifiable_table
-from calib_model.gauge import Gauge
-from calib_model.jacobian import probing_jacobian
-from calib_model.parameters import DEFAULT_SIGMA
-from calib_model.probe import Probe
-from calib_model.rotation import Array
+from calib_model.arrays import Array
+from calib_model.instruments import Arm, Gauge, Probe
+from calib_model.kinematics import DEFAULT_SIGMA, identifiable_table, probing_jacobian
 
 Indices = NDArray[np.int64]
 POSTURES = 500
@@ -61,9 +57,12 @@ class Telling:
     """
 
     def __init__(
-        self, arm: Arm, probe: Probe, gauge: Gauge,
-        settings: ChoiceSettings = ChoiceSettings(),  # noqa: B008
-    ) -> None:  # fmt: skip
+        self,
+        arm: Arm,
+        probe: Probe,
+        gauge: Gauge,
+        settings: ChoiceSettings = ChoiceSettings(),
+    ) -> None:
         self._arm = arm
         self._probe = probe
         self._gauge = gauge
@@ -80,9 +79,7 @@ class Telling:
         rows: Array = np.concatenate([own, center], axis=2) / self.settings.noise
         return rows
 
-    def of_location(
-        self, spheres: Sequence[int], centers: Array, rows: Sequence[Array]
-    ) -> Array:
+    def of_location(self, spheres: Sequence[int], centers: Array, rows: Sequence[Array]) -> Array:
         """Information (F + 3k, F + 3k) of k spheres of one location at `centers` (k, 3), m."""
         free = len(self._sigma)
         information = np.zeros((free + 3 * len(spheres),) * 2)
@@ -198,9 +195,7 @@ def _improve(
     """Exchange poses of one location's spheres, the other locations as they are."""
     others = [i for i in range(len(pools)) if i not in members]
     members = [i for i in members if len(chosen[i])]  # of others nothing tells where they are
-    outside = information_of(
-        telling, [pools[i] for i in others], [chosen[i] for i in others]
-    )
+    outside = information_of(telling, [pools[i] for i in others], [chosen[i] for i in others])
     free = len(outside)
     for place, member in enumerate(members):
         if len(pools[member].rows) <= len(chosen[member]):

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calib_capture.bodies import BodySettings
-from calib_capture.choice import ChoiceSettings
+from calib_capture.motion import BodySettings
+from calib_capture.program.pose_selection import ChoiceSettings
+from calib_model.arrays import Array, frozen
 from calib_model.errors import CalibrationError
-from calib_model.rotation import Array, frozen
 
 
 class ProgramError(CalibrationError):

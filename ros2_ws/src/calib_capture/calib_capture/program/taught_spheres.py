@@ -9,15 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from calib_model.arm import Arm
-from calib_model.bag_writer import write_whole
-from calib_model.description import read_description
+from calib_model.arrays import Array, frozen
+from calib_model.descriptions import parse_placements, placements_yaml, read_description
 from calib_model.errors import CalibrationError
-from calib_model.gauge import Gauge
+from calib_model.files import write_whole
+from calib_model.instruments import Arm, Gauge, Probe
 from calib_model.kinematics import points
-from calib_model.placement import parse_placements, placements_yaml
-from calib_model.probe import Probe
-from calib_model.rotation import Array, RigidTransform, frozen, rotation_matrix
+from calib_model.transforms import RigidTransform, rotation_matrix
 
 TOLERANCE = 2e-3  # m: what an arm not yet calibrated may be off over the length of a bar
 UPRIGHT = 1e-6  # sine of the angle to the vertical below which turning a bar lifts nothing
@@ -50,7 +48,7 @@ class TaughtLocation:
         return {number: frozen(place.apply(gauge.center(number))) for number in gauge.numbers}
 
     def yaml(self, base_frame: str = 'base_link') -> str:
-        """The text that `calib_model.placement.parse_placements` reads."""
+        """The text that `calib_model.descriptions.placements.parse_placements` reads."""
         return placements_yaml({self.location: self.T_base_gauge}, base_frame)
 
 

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_capture.candidates import Candidate
-from calib_capture.order import travel_time
-from calib_capture.ways import Ways
-from calib_model.rotation import Array
+from calib_capture.motion import Ways, travel_time
+from calib_capture.program.candidates import Candidate
+from calib_model.arrays import Array
 
 DETOURS = 3  # of the nearest postures, before one that can be reached straight is looked for
 

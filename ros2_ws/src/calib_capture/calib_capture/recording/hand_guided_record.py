@@ -6,13 +6,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 
-from calib_capture.moving import MovingSettings
-from calib_model.clock_offset import ClockOffset
+from calib_model.descriptions import parse_placements, placements_yaml
 from calib_model.errors import BagError
-from calib_model.pairing import SECOND
-from calib_model.pairing_note import noted_number
-from calib_model.placement import parse_placements, placements_yaml
-from calib_model.rotation import RigidTransform
+from calib_model.pairing import ClockOffset, MovingSettings, noted_number
+from calib_model.stamps import SECOND
+from calib_model.transforms import RigidTransform
 
 LED_NOTE = 'calib_capture led'
 CLOCK_NOTE = 'calib_capture clock'
@@ -33,9 +31,11 @@ class LedNote:
         """As a bag keeps it; every number comes back bit for bit."""
         numbers = {key: repr(value) for key, value in asdict(self.settings).items()}
         return {
-            **numbers, 'shift': str(self.shift), 'spheres': ' '.join(map(str, self.spheres)),
+            **numbers,
+            'shift': str(self.shift),
+            'spheres': ' '.join(map(str, self.spheres)),
             'placements': placements_yaml(self.placements),
-        }  # fmt: skip
+        }
 
     @staticmethod
     def read(note: Mapping[str, str], source: str) -> LedNote | None:

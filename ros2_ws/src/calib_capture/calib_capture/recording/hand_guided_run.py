@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib_capture.moving import NO_SPHERE, NO_TOUCH, MovingSettings, PairedReading, travel
-from calib_capture.sphere_finder import NOWHERE, SphereFinder
-from calib_model.pairing import SECOND
-from calib_model.rotation import Array
+from calib_model.arrays import Array
+from calib_model.labelling import NOWHERE, SphereFinder
+from calib_model.pairing import NO_SPHERE, NO_TOUCH, MovingSettings, PairedReading, travel
+from calib_model.stamps import SECOND
 
 APART = SECOND // 10  # ns between readings that belong to one contact
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from calib_capture.led import LedRun, LedTally
-from calib_capture.led_note import (
+from calib_capture.recording.hand_guided_record import (
     CLOCK_NOTE,
     LED_NOTE,
     LedNote,
@@ -14,12 +13,20 @@ from calib_capture.led_note import (
     clock_content,
     clock_line,
 )
-from calib_capture.moving import BRIDGED, UNSURE, MovingPairing, PairedReading
-from calib_capture.recorder import Recorder
-from calib_capture.session import BACK
-from calib_model import cdr
-from calib_model.clock_offset import ClockEstimate
-from calib_model.pairing import SECOND, JointSample, Reading
+from calib_capture.recording.hand_guided_run import LedRun, LedTally
+from calib_capture.recording.program_session import BACK
+from calib_capture.recording.recorder import Recorder
+from calib_model.bags import cdr
+from calib_model.pairing import (
+    BRIDGED,
+    UNSURE,
+    ClockEstimate,
+    JointSample,
+    MovingPairing,
+    PairedReading,
+    Reading,
+)
+from calib_model.stamps import SECOND
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS, Topic
 
 SAVE_WITHIN = 0.2  # s: accepted poses that come closer together share a flush
@@ -37,9 +44,17 @@ class LedSession:
     """
 
     def __init__(
-        self, run: LedRun, estimate: ClockEstimate, recorder: Recorder, note: LedNote, frame: str,
-        clock: Callable[[], float], wall: Callable[[], int], silence: float, correct: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        run: LedRun,
+        estimate: ClockEstimate,
+        recorder: Recorder,
+        note: LedNote,
+        frame: str,
+        clock: Callable[[], float],
+        wall: Callable[[], int],
+        silence: float,
+        correct: bool = False,
+    ) -> None:
         self.run = run
         self.recorder = recorder
         self.shift = note.shift
@@ -150,7 +165,12 @@ class LedSession:
         paired, self._paired = self._paired, []
         for pose in self.run.take(paired):
             message = cdr.probing_pose(
-                pose.stamp, self._frame, pose.location, pose.sphere, pose.joints,
-                pose.displacement, 1,
-            )  # fmt: skip
+                pose.stamp,
+                self._frame,
+                pose.location,
+                pose.sphere,
+                pose.joints,
+                pose.displacement,
+                1,
+            )
             self.recorder.pose(cdr.encode(message), self._wall())

@@ -8,20 +8,23 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calib_capture.leg import Leg
+from calib_capture.motion import Leg, Trajectory
 from calib_capture.program import PlannedPose, Program
-from calib_capture.trajectory import Trajectory
-from calib_model.arm import Arm
+from calib_model.arrays import Array
 from calib_model.errors import CalibrationError
-from calib_model.pairing import SECOND, Outcome, Reason, Refusal, SteadyPose
-from calib_model.rotation import Array
+from calib_model.instruments import Arm
+from calib_model.pairing import Outcome, Reason, Refusal, SteadyPose
+from calib_model.stamps import SECOND
 
 NO_ANSWER = 'no answer'
 NO_FREE_WAY = 'no free way'
 #: what the sphere's place decides comes out the same when tried again, the rest may not
 WORTH_ANOTHER_TRY = (
-    Reason.NO_READINGS, Reason.JOINTS_MISSING, Reason.ARM_UNSTEADY, Reason.STYLI_UNSTEADY,
-)  # fmt: skip
+    Reason.NO_READINGS,
+    Reason.JOINTS_MISSING,
+    Reason.ARM_UNSTEADY,
+    Reason.STYLI_UNSTEADY,
+)
 STILL = 1e-4  # rad
 STAMP_STEP = 1e-6  # s: stamps are rounded
 STEP_ASIDE = 0.01  # rad of the last joint: enough for a new stop, little for the probe
@@ -95,9 +98,7 @@ class MeasuringRun:
     that no more readings are on their way than a subscriber keeps.
     """
 
-    def __init__(
-        self, arm: Arm, program: Program, settings: RunSettings, now: float
-    ) -> None:
+    def __init__(self, arm: Arm, program: Program, settings: RunSettings, now: float) -> None:
         self.settings = settings
         self.tally = Tally(len(program.poses))
         self._way_to, self._touching = program.way_to, program.touching

@@ -5,13 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from calib_capture.led_note import CLOCK_NOTE, apart, clock_content, clock_line
-from calib_capture.recorder import Recorder
-from calib_capture.run import MeasuringRun, RunError, Tally
-from calib_capture.trajectory import Trajectory
-from calib_model import cdr
-from calib_model.clock_offset import ClockEstimate
-from calib_model.pairing import JointSample, Outcome, Pairing, Reading, Refusal
+from calib_capture.motion import Trajectory
+from calib_capture.recording.hand_guided_record import CLOCK_NOTE, apart, clock_content, clock_line
+from calib_capture.recording.measuring_run import MeasuringRun, RunError, Tally
+from calib_capture.recording.recorder import Recorder
+from calib_model.bags import cdr
+from calib_model.pairing import ClockEstimate, JointSample, Outcome, Pairing, Reading, Refusal
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS, Topic
 
 Clock = Callable[[], float]
@@ -29,10 +28,16 @@ class CaptureSession:
     """
 
     def __init__(
-        self, run: MeasuringRun, pairing: Pairing, recorder: Recorder, frame: str,
-        command: Callable[[Trajectory], None], clock: Clock, wall: Callable[[], int],
+        self,
+        run: MeasuringRun,
+        pairing: Pairing,
+        recorder: Recorder,
+        frame: str,
+        command: Callable[[Trajectory], None],
+        clock: Clock,
+        wall: Callable[[], int],
         estimate: ClockEstimate | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.run = run
         self.pairing = pairing
         self.recorder = recorder
@@ -144,9 +149,14 @@ class CaptureSession:
                 continue
             planned, measured = taken.planned, taken.measured
             message = cdr.probing_pose(
-                measured.stamp, self._frame, planned.location, planned.sphere,
-                measured.joints, measured.displacement, measured.readings,
-            )  # fmt: skip
+                measured.stamp,
+                self._frame,
+                planned.location,
+                planned.sphere,
+                measured.joints,
+                measured.displacement,
+                measured.readings,
+            )
             self.recorder.pose(cdr.encode(message), self._wall())
             self._unsaved_since = self._unsaved_since or self._clock()
 

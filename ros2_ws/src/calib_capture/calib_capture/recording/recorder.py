@@ -7,16 +7,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
 
-from calib_model.arm import Arm
-from calib_model.bag import write_descriptions
-from calib_model.bag_account import FileAccount
-from calib_model.bag_writer import BagWriter
+from calib_model.bags import BagWriter, FileAccount, write_descriptions
 from calib_model.errors import BagError
-from calib_model.folder_lock import FolderLock
-from calib_model.gauge import Gauge
-from calib_model.pairing import SteadySettings
-from calib_model.pairing_note import NOTE, note_of
-from calib_model.probe import Probe
+from calib_model.files import FolderLock
+from calib_model.instruments import Arm, Gauge, Probe
+from calib_model.pairing import NOTE, SteadySettings, note_of
 from calib_model.topics import CAPTURE_POSES, Topic
 
 IN_USE = '{}: is being written by another capture'
@@ -31,10 +26,16 @@ class Recorder:
     """
 
     def __init__(
-        self, path: str | Path, arm: Arm, probe: Probe, gauge: Gauge,
-        announce: Callable[[bytes], None], time: int, settings: SteadySettings | None = None,
+        self,
+        path: str | Path,
+        arm: Arm,
+        probe: Probe,
+        gauge: Gauge,
+        announce: Callable[[bytes], None],
+        time: int,
+        settings: SteadySettings | None = None,
         earlier: Sequence[FileAccount] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._announce = announce
         self._unsaved: list[bytes] = []
         self.path = Path(path)

@@ -10,25 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from calib_capture.program import PlannedPose, Program, SpherePlan
-from calib_capture.recorder import IN_USE
-from calib_model.arm import Arm
-from calib_model.bag import read_measurement
-from calib_model.bag_account import FileAccount
-from calib_model.bag_descriptions import read_descriptions
-from calib_model.bag_recovery import repair
-from calib_model.description import arm_yaml, gauge_yaml, probe_yaml
+from calib_capture.recording.recorder import IN_USE
+from calib_model.arrays import Array
+from calib_model.bags import FileAccount, read_descriptions, read_measurement, repair
+from calib_model.descriptions import arm_yaml, gauge_yaml, probe_yaml
 from calib_model.errors import BagError
-from calib_model.folder_lock import FolderLock
-from calib_model.gauge import Gauge
-from calib_model.probe import Probe
-from calib_model.probing import ProbingSet
-from calib_model.rotation import Array
-from calib_model.topics import (
-    ARM_DESCRIPTION,
-    CAPTURE_POSES,
-    GAUGE_DESCRIPTION,
-    PROBE_DESCRIPTION,
-)
+from calib_model.files import FolderLock
+from calib_model.instruments import Arm, Gauge, Probe
+from calib_model.measurement import ProbingSet
+from calib_model.topics import ARM_DESCRIPTION, CAPTURE_POSES, GAUGE_DESCRIPTION, PROBE_DESCRIPTION
 
 SAME_POSTURE = 2e-3  # rad: what a run takes for the planned pose
 
@@ -119,6 +109,7 @@ def _left(plan: SpherePlan, taken: Array) -> SpherePlan:
 
 def _untaken(poses: Sequence[PlannedPose], taken: Array) -> tuple[PlannedPose, ...]:
     return tuple(
-        pose for pose in poses
+        pose
+        for pose in poses
         if not len(taken) or np.abs(taken - pose.joints).max(axis=1).min() > SAME_POSTURE
-    )  # fmt: skip
+    )

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from calib_model.errors import CalibrationError
 from calib_model.pairing import (
-    SECOND,
     JointSample,
     Pairing,
     Reading,
@@ -14,13 +13,14 @@ from calib_model.pairing import (
     SteadyPose,
     SteadySettings,
 )
+from calib_model.stamps import SECOND
 
 
 class StandingError(CalibrationError):
     """An arm or a probe that is not steady enough to be taught by."""
 
 
-def standing_pose(
+def pose_at_rest(
     joints: list[JointSample], readings: list[Reading], settings: SteadySettings
 ) -> SteadyPose:
     """The readings of the last `settings.dwell` s averaged, both streams in stamps' order.

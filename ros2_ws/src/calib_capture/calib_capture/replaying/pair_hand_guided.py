@@ -8,16 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from calib_capture.led import LedPose, LedRun, LedTally
-from calib_capture.led_note import LedNote, clock_line
-from calib_capture.moving import BRIDGED, MovingPairing, PairedReading
-from calib_capture.repeat import clock_of, read_raw
-from calib_capture.sphere_finder import SphereFinder
-from calib_model.clock_offset import ClockOffset
+from calib_capture.recording import LedNote, LedPose, LedRun, LedTally, clock_line
+from calib_capture.replaying.pair_program import clock_of, read_raw
 from calib_model.errors import BagError
-from calib_model.pairing import SECOND, Reading
-from calib_model.probing import Measurement, ProbingSet
+from calib_model.labelling import SphereFinder
+from calib_model.measurement import Measurement, ProbingSet
+from calib_model.pairing import BRIDGED, ClockOffset, MovingPairing, PairedReading, Reading
 from calib_model.progress import Progress, paced
+from calib_model.stamps import SECOND
 
 
 @dataclass(frozen=True)

@@ -12,16 +12,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from calib_capture.sphere_finder import SphereFinder
-from calib_model import cdr
-from calib_model.arm import Arm
-from calib_model.bag_descriptions import BagDescriptions
-from calib_model.bag_reader import BagMessage, read_messages
-from calib_model.clock_offset import ClockOffset, clock_offset
+from calib_model.arrays import Array
+from calib_model.bags import BagDescriptions, BagMessage, cdr, read_messages
 from calib_model.errors import BagError
-from calib_model.gauge import Gauge
+from calib_model.instruments import Arm, Gauge, Probe
+from calib_model.labelling import SphereFinder
+from calib_model.measurement import Measurement, ProbingSet
 from calib_model.pairing import (
-    SECOND,
+    ClockOffset,
     JointSample,
     Outcome,
     Pairing,
@@ -29,18 +27,13 @@ from calib_model.pairing import (
     Refusal,
     SteadyPose,
     SteadySettings,
+    estimate_clock_offset,
     usable,
 )
-from calib_model.probe import Probe
-from calib_model.probing import Measurement, ProbingSet
 from calib_model.progress import Pace, Progress, paced
-from calib_model.rotation import Array, RigidTransform
-from calib_model.topics import (
-    CAPTURE_POSES,
-    DESCRIPTIONS,
-    JOINT_STATES,
-    PROBE_DISPLACEMENTS,
-)
+from calib_model.stamps import SECOND
+from calib_model.topics import CAPTURE_POSES, DESCRIPTIONS, JOINT_STATES, PROBE_DISPLACEMENTS
+from calib_model.transforms import RigidTransform
 
 T = TypeVar('T')
 Label = tuple[int, int]  # location and sphere
@@ -93,9 +86,12 @@ class Raw:
 
 
 def repeat_pairing(
-    path: Path, settings: SteadySettings, placements: Mapping[int, RigidTransform] | None = None,
-    correct_clock: bool = False, progress: Progress | None = None,
-) -> Repeated:  # fmt: skip
+    path: Path,
+    settings: SteadySettings,
+    placements: Mapping[int, RigidTransform] | None = None,
+    correct_clock: bool = False,
+    progress: Progress | None = None,
+) -> Repeated:
     """The poses of a bag paired anew with `settings`, in time order.
 
     The recorded poses say which sphere each belongs to; with `placements` (`T_base_gauge`) the
@@ -116,14 +112,15 @@ def repeat_pairing(
         )
     clock = clock_of(raw)
     shift = round(clock.seconds * SECOND) if clock is not None and correct_clock else 0
-    outcomes, too_late = _paired(
-        [_shifted(each, shift) for each in raw.stream], settings, progress
-    )
+    outcomes, too_late = _paired([_shifted(each, shift) for each in raw.stream], settings, progress)
     steady = sorted(
-        (replace(each, stamp=each.stamp - shift) for each in outcomes
-         if isinstance(each, SteadyPose)),
+        (
+            replace(each, stamp=each.stamp - shift)
+            for each in outcomes
+            if isinstance(each, SteadyPose)
+        ),
         key=lambda each: each.stamp,
-    )  # fmt: skip
+    )
     if placements is None:
         labels = _Recorded(raw.poses, settings).labels(steady)
     else:
@@ -141,11 +138,13 @@ def repeat_pairing(
 
 def clock_of(raw: Raw) -> ClockOffset | None:
     """What the streams tell of the offset between their clocks."""
-    return clock_offset(
-        raw.arm, raw.probe, raw.gauge,
+    return estimate_clock_offset(
+        raw.arm,
+        raw.probe,
+        raw.gauge,
         [each for each in raw.stream if isinstance(each, JointSample)],
         [each for each in raw.stream if isinstance(each, Reading)],
-    )  # fmt: skip
+    )
 
 
 def _nominal(
@@ -187,9 +186,7 @@ def read_raw(path: Path, progress: Progress | None = None) -> Raw:
         BagError: no bag, a topic missing or not readable, or a description that changes within it.
         DescriptionError: a description in the bag cannot be used.
     """
-    types = {
-        topic.name: topic.type for topic in (JOINT_STATES, PROBE_DISPLACEMENTS, CAPTURE_POSES)
-    }
+    types = {topic.name: topic.type for topic in (JOINT_STATES, PROBE_DISPLACEMENTS, CAPTURE_POSES)}
     described = BagDescriptions(path)
     contents: dict[str, list[Any]] = {name: [] for name in types}
     order: list[tuple[str, Any]] = []
@@ -238,7 +235,8 @@ def _samples(order: list[tuple[str, Any]], arm: Arm) -> Iterator[JointSample | R
 
 
 def _paired(
-    stream: list[JointSample | Reading], settings: SteadySettings,
+    stream: list[JointSample | Reading],
+    settings: SteadySettings,
     progress: Progress | None = None,
 ) -> tuple[list[Outcome], int]:
     """What comes of the streams as they were received, and how many messages were too late."""
@@ -270,9 +268,10 @@ class _Recorded:
         begin = bisect_left(self._stamps, pose.stamp - self._reach)
         end = bisect_left(self._stamps, pose.stamp + self._reach + 1)
         near = [
-            i for i in range(begin, end)
+            i
+            for i in range(begin, end)
             if i not in self._used and self._same_posture(self._poses[i], pose.joints)
-        ]  # fmt: skip
+        ]
         if not near:
             return None
         best = min(near, key=lambda i: abs(self._stamps[i] - pose.stamp))

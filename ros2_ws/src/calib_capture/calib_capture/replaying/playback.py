@@ -10,9 +10,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from calib_model.bag_reader import BagMessage, read_messages
+from calib_model.bags import BagMessage, read_messages
 from calib_model.errors import BagError, DescriptionError
-from calib_model.plain_yaml import load_plain
+from calib_model.files import load_plain
 
 CLOCK_PERIOD = 0.01  # s of wall time between two messages on /clock
 

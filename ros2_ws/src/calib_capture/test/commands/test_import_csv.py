@@ -5,10 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib_capture import import_csv as command
-from calib_model.bag import read_measurement
-from calib_model.gauge import Gauge
-from calib_model.probe import ActiveProbe
+from calib_capture.commands import import_csv as command
+from calib_model.bags import read_measurement
+from calib_model.instruments import ActiveProbe, Gauge
 
 HEADER = 'location,sphere,q1,q2,q3,q4,q5,q6,s1,s2,s3'
 ROWS = (
@@ -21,20 +20,30 @@ Run = Callable[..., tuple[int, str]]
 
 @pytest.fixture
 def run(
-    config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    config: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> Run:  # fmt: skip
+) -> Run:
     """Import a table into tmp_path/bag: exit code and what was printed."""
 
     def imported(content: str | bytes, probe: str = 'active_trihedron') -> tuple[int, str]:
         table = tmp_path / 'table.csv'
         table.write_bytes(content if isinstance(content, bytes) else content.encode())
-        monkeypatch.setattr('sys.argv', [
-            'import_csv', str(table), str(tmp_path / 'bag'),
-            '--arm', str(config / 'arms' / 'kuka_kr5_sixx_r650.yaml'),
-            '--probe', str(config / 'probes' / f'{probe}.yaml'),
-            '--gauge', str(config / 'gauges' / 'ball_bar_kr5.yaml'),
-        ])  # fmt: skip
+        monkeypatch.setattr(
+            'sys.argv',
+            [
+                'import_csv',
+                str(table),
+                str(tmp_path / 'bag'),
+                '--arm',
+                str(config / 'arms' / 'kuka_kr5_sixx_r650.yaml'),
+                '--probe',
+                str(config / 'probes' / f'{probe}.yaml'),
+                '--gauge',
+                str(config / 'gauges' / 'ball_bar_kr5.yaml'),
+            ],
+        )
         code = command.main()
         printed = capsys.readouterr()
         return code, printed.err if code else printed.out
@@ -182,9 +191,11 @@ def test_a_failing_disk_leaves_nothing_behind(
 
 
 def test_files_that_are_not_there_are_named(
-    config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    config: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     arguments = ['import_csv', str(tmp_path / 'no.csv'), str(tmp_path / 'bag')]
     for name in ('arms/kuka_kr5_sixx_r650', 'probes/active_trihedron', 'gauges/ball_bar_kr5'):
         arguments += [f'--{name.split("/")[0][:-1]}', str(config / f'{name}.yaml')]

@@ -5,17 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib_capture import plan
-from calib_capture.candidates import branch_names
-from calib_capture.inspection import program_text
-from calib_capture.inverse import InverseKinematics
-from calib_capture.markers import outcome_markers, program_markers
-from calib_capture.messages import marker_array
-from calib_capture.planner import Planner
-from calib_capture.program import ProgramSettings
-from calib_model.kinematics import forward
+from calib_capture.commands import plan
+from calib_capture.motion import InverseKinematics
+from calib_capture.nodes.messages import marker_array
+from calib_capture.program import (
+    Planner,
+    ProgramSettings,
+    branch_names,
+    outcome_markers,
+    program_markers,
+    program_text,
+)
+from calib_model.kinematics import forward_kinematics
 from calib_model.pairing import Reason, Refusal, SteadyPose
-from calib_model.rotation import RigidTransform
+from calib_model.transforms import RigidTransform
 
 pytestmark = pytest.mark.timeout(60)
 #: a bar of which only the near end is within reach
@@ -67,7 +70,7 @@ def test_branches_of_one_hand_have_names_of_their_own(kr5, iiwa14):
         most = 0
         for _ in range(30):
             q = generator.uniform(*np.clip(arm.limits, -2.5, 2.5).T)
-            branches = inverse.branches(forward(arm, q[None])[0], q[2])
+            branches = inverse.branches(forward_kinematics(arm, q[None])[0], q[2])
             names = branch_names(arm, branches)
             assert len(set(names)) == len(names) == len(branches)
             most = max(most, len(names))
@@ -101,8 +104,9 @@ def test_taken_poses_point_at_their_spheres_and_refused_ones_are_the_programs(
         Refusal(2, second.joints, Reason.NO_CONTACT),
         Refusal(3, second.joints + 0.1, Reason.NO_CONTACT),  # on the way, none of the program's
     ]
-    shown = {marker.group: marker for marker in outcome_markers(
-        outcomes, program, kr5, probe, gauge)}  # fmt: skip
+    shown = {
+        marker.group: marker for marker in outcome_markers(outcomes, program, kr5, probe, gauge)
+    }
     assert set(shown) == {'taken', 'refused'}
     assert len(shown['refused'].points) == 2
     tip = shown['taken'].points[0]

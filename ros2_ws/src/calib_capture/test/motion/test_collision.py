@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 from clear_of import placed, segment_distances, smallest_clearance
 
-from calib_capture.bodies import BodyError, BodySettings, bodies_of, parse_bodies
-from calib_capture.collision import CollisionCheck
-from calib_capture.planner import Planner
-from calib_capture.program import ProgramError, ProgramSettings
-from calib_model.description import read_description
+from calib_capture.motion.bodies import BodyError, BodySettings, bodies_of, parse_bodies
+from calib_capture.motion.collision import CollisionCheck
+from calib_capture.program import Planner, ProgramError, ProgramSettings
+from calib_model.descriptions import read_description
 from calib_model.errors import DescriptionError
-from calib_model.kinematics import forward, joint_frames
-from calib_model.probe import PassiveProbe
-from calib_model.rotation import RigidTransform
+from calib_model.instruments import PassiveProbe
+from calib_model.kinematics import forward_kinematics, joint_frames
+from calib_model.transforms import RigidTransform
 
 pytestmark = pytest.mark.timeout(120)
 SPHERES = (1, 6, 10, 14)
@@ -47,9 +46,9 @@ def test_distances_between_segments_are_those_of_a_fine_search():
     t = np.linspace(0, 1, 401)
     p = ends[0][:, None] + t[:, None] * (ends[1] - ends[0])[:, None]
     q = ends[2][:, None] + t[:, None] * (ends[3] - ends[2])[:, None]
-    searched = np.array([
-        np.linalg.norm(a[:, None] - b[None], axis=2).min() for a, b in zip(p, q, strict=True)
-    ])  # fmt: skip
+    searched = np.array(
+        [np.linalg.norm(a[:, None] - b[None], axis=2).min() for a, b in zip(p, q, strict=True)]
+    )
     found = segment_distances(*ends)
     assert (found <= searched + 1e-12).all()
     assert np.abs(found - searched).max() < 2e-2
@@ -65,7 +64,7 @@ def test_bodies_are_where_the_arm_s_frames_are(kr5, probe, bodies):
     assert np.abs(forearm[:, 1] - frames[3].origin).max() < 1e-12
     upper = moving[:, names.index('a2')]
     assert np.abs(upper[:, 1] - frames[1].origin).max() < 1e-12
-    T_base_probe = forward(kr5, q) @ probe.flange_T_probe.matrix()
+    T_base_probe = forward_kinematics(kr5, q) @ probe.flange_T_probe.matrix()
     tip = T_base_probe[:, :3, :3] @ np.array(probe.styli[1].origin) + T_base_probe[:, :3, 3]
     assert np.abs(moving[:, names.index('stylus 2'), 0] - tip).max() < 1e-12
 
@@ -93,7 +92,7 @@ def test_a_floor_keeps_everything_but_the_foot_above_it(kr5, probe, gauge):
     check = CollisionCheck(kr5, made)
     check.put_gauge(RigidTransform(np.array([9.0, 0.0, 0.0])), 1)
     upright, down = np.zeros(6), np.array([0.0, 1.9, -0.6, 0.0, 0.0, 0.0])
-    assert forward(kr5, down[None])[0, 2, 3] < 0.1
+    assert forward_kinematics(kr5, down[None])[0, 2, 3] < 0.1
     assert check.contact(upright) == ''
     assert check.contact(down).endswith('touches floor')
 
@@ -193,8 +192,9 @@ def test_ways_go_around_what_is_in_between_and_stay_within_limits(kr5, probe, ga
         smallest_clearance(
             kr5, made, pose.way[0] + share * (pose.approach[0] - pose.way[0]), placements[6], None
         ).min()
-        for pose in program.poses if len(pose.way) > 1
-    ]  # fmt: skip
+        for pose in program.poses
+        if len(pose.way) > 1
+    ]
     assert min(straight) < settings.bodies.clearance
 
 
@@ -211,8 +211,9 @@ def test_from_location_to_location_the_arm_goes_by_a_posture_clear_of_both(
     made = bodies_of(kr5, probe, gauge, settings.bodies)
     share = np.linspace(0, 1, 400)[:, None]
     for corners, location in (
-        (crossing[: at + 1], 3), (np.vstack([crossing[at:], second[0].approach[0]]), 4)
-    ):  # fmt: skip
+        (crossing[: at + 1], 3),
+        (np.vstack([crossing[at:], second[0].approach[0]]), 4),
+    ):
         for start, goal in zip(corners, corners[1:], strict=False):
             way = start + share * (goal - start)
             assert smallest_clearance(kr5, made, way, placements[location], None).min() > 0
@@ -239,7 +240,7 @@ def test_an_approach_is_straight_along_the_probe_s_axis(kr5, probe, gauge, place
     settings = ProgramSettings(poses_per_sphere=6)
     program = Planner(kr5, probe, gauge, settings).program(placements, [2])
     for pose in program.poses:
-        way = forward(kr5, np.vstack([pose.approach, pose.joints]))
+        way = forward_kinematics(kr5, np.vstack([pose.approach, pose.joints]))
         end = way[-1]
         off = way[:, :3, 3] - end[:3, 3]
         expected = -np.array([0.03, 0.015, 0.0])[:, None] * end[:3, 2]

@@ -3,11 +3,11 @@ import numpy as np
 import pytest
 from clear_of import placed, smallest_clearance
 
-from calib_capture.bodies import bodies_of
-from calib_capture.collision import CollisionCheck
-from calib_capture.detour import detour
-from calib_capture.ways import Ways
-from calib_model.rotation import RigidTransform
+from calib_capture.motion.bodies import bodies_of
+from calib_capture.motion.collision import CollisionCheck
+from calib_capture.motion.free_paths import Ways
+from calib_capture.motion.rrt_connect import detour
+from calib_model.transforms import RigidTransform
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -62,9 +62,12 @@ def test_a_detour_goes_around_a_wall_and_not_through_a_closed_one():
         generator = np.random.default_rng(2)
         start, goal = np.array([-1.0, 0.0]), np.array([1.0, 0.0])
         way = detour(
-            start, goal, lambda a, b: free(a, b, gate), lambda: generator.uniform(-2, 2, 2),
+            start,
+            goal,
+            lambda a, b: free(a, b, gate),
+            lambda: generator.uniform(-2, 2, 2),
             np.ones(2),
-        )  # fmt: skip
+        )
         return way if way is None else np.vstack([start, way, goal])
 
     way = found(1.0)

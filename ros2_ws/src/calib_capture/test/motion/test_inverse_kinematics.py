@@ -3,12 +3,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from calib_capture.inverse import InverseError, InverseKinematics
-from calib_model.kinematics import forward
-from calib_model.rotation import RigidTransform
+from calib_capture.motion.inverse_kinematics import InverseError, InverseKinematics
+from calib_model.kinematics import forward_kinematics
+from calib_model.transforms import RigidTransform
 
 pytestmark = pytest.mark.timeout(60)
 SEEDS = st.integers(0, 2**32 - 1)
@@ -23,9 +22,9 @@ def angle_between(first, second):
 def test_the_posture_itself_is_among_the_branches(seed, kr5):
     arm = kr5
     q = np.random.default_rng(seed).uniform(*arm.limits.T)
-    found = InverseKinematics(arm).branches(forward(arm, q)[0])
+    found = InverseKinematics(arm).branches(forward_kinematics(arm, q)[0])
     assert angle_between(found, q).max(axis=1).min() < 1e-6
-    assert np.abs(forward(arm, found) - forward(arm, q)).max() < 1e-9
+    assert np.abs(forward_kinematics(arm, found) - forward_kinematics(arm, q)).max() < 1e-9
 
 
 def test_an_arm_off_its_base_and_flange_is_found_too(kr5):
@@ -33,7 +32,7 @@ def test_an_arm_off_its_base_and_flange_is_found_too(kr5):
     placed = [RigidTransform(*rng.uniform(-1, 1, (2, 3))) for _ in range(2)]
     arm = replace(kr5, base_T_dh=placed[0], dh_T_flange=placed[1])
     q = rng.uniform(*arm.limits.T)
-    found = InverseKinematics(arm).branches(forward(arm, q)[0])
+    found = InverseKinematics(arm).branches(forward_kinematics(arm, q)[0])
     assert angle_between(found, q).max(axis=1).min() < 1e-6
 
 
@@ -43,7 +42,7 @@ def test_within_limits_gives_the_posture_itself_with_its_full_turns(seed, kr5):
     arm = kr5
     q = np.random.default_rng(seed).uniform(*arm.limits.T)
     inverse = InverseKinematics(arm)
-    found = inverse.within_limits(inverse.branches(forward(arm, q)[0]))
+    found = inverse.within_limits(inverse.branches(forward_kinematics(arm, q)[0]))
     assert np.abs(found - q).max(axis=1).min() < 1e-6
     assert arm.within_limits(found).all()
 
@@ -70,7 +69,7 @@ def test_out_of_reach_has_no_branch(kr5):
 
 
 def test_a_regular_pose_of_the_kr5_has_eight_branches(kr5):
-    pose = forward(kr5, np.radians([4.0, 33.0, -168.0, -9.5, 45.0, 125.0]))[0]
+    pose = forward_kinematics(kr5, np.radians([4.0, 33.0, -168.0, -9.5, 45.0, 125.0]))[0]
     assert len(InverseKinematics(kr5).branches(pose)) == 8
 
 
@@ -81,11 +80,13 @@ def test_offsets_and_directions_of_the_joints_are_applied(seed, kr5):
     plain = kr5
     geometry = plain.geometry.copy()
     geometry[3] += rng.uniform(-1, 1, 6)
-    joints = [type(j)(**{**vars(j), 'direction': int(rng.integers(0, 2)) * 2 - 1})
-              for j in plain.with_geometry(geometry).joints]  # fmt: skip
+    joints = [
+        type(j)(**{**vars(j), 'direction': int(rng.integers(0, 2)) * 2 - 1})
+        for j in plain.with_geometry(geometry).joints
+    ]
     arm = type(plain)(plain.name, tuple(joints))
     q = rng.uniform(-1.5, 1.5, 6)
-    found = InverseKinematics(arm).branches(forward(arm, q)[0])
+    found = InverseKinematics(arm).branches(forward_kinematics(arm, q)[0])
     assert angle_between(found, q).max(axis=1).min() < 1e-6
 
 
@@ -95,9 +96,9 @@ def test_seven_joints_are_solved_for_a_given_redundant_joint(seed, iiwa14):
     arm = iiwa14
     q = np.random.default_rng(seed).uniform(*arm.limits.T)
     inverse = InverseKinematics(arm)
-    found = inverse.branches(forward(arm, q)[0], q[2])
+    found = inverse.branches(forward_kinematics(arm, q)[0], q[2])
     assert angle_between(found, q).max(axis=1).min() < 1e-6
-    assert np.abs(forward(arm, found) - forward(arm, q)).max() < 1e-9
+    assert np.abs(forward_kinematics(arm, found) - forward_kinematics(arm, q)).max() < 1e-9
 
 
 def test_an_identified_arm_is_refused_with_a_line(kr5):

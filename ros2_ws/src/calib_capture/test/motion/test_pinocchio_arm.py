@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from calib_capture.pinocchio_arm import PinocchioArm
-from calib_model.kinematics import forward, point_derivatives
-from calib_model.rotation import RigidTransform
+from calib_capture.motion.pinocchio_arm import PinocchioArm
+from calib_model.kinematics import forward_kinematics, point_derivatives
+from calib_model.transforms import RigidTransform
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -16,8 +15,10 @@ def perturbed(arm, seed):
     rng = np.random.default_rng(seed)
     changed = arm.with_geometry(arm.geometry + rng.normal(scale=0.02, size=arm.geometry.shape))
     flipped = rng.integers(0, 2, arm.n) * 2 - 1
-    joints = [type(j)(**{**vars(j), 'direction': int(s)})
-              for j, s in zip(changed.joints, flipped, strict=True)]  # fmt: skip
+    joints = [
+        type(j)(**{**vars(j), 'direction': int(s)})
+        for j, s in zip(changed.joints, flipped, strict=True)
+    ]
     placed = [RigidTransform(*rng.uniform(-1, 1, (2, 3))) for _ in range(2)]
     return type(arm)(arm.name, tuple(joints), arm.base_frame, arm.flange_frame, *placed)
 
@@ -30,7 +31,7 @@ def test_flange_is_where_the_denavit_hartenberg_arm_puts_it(name, seed, request)
     for each in (arm, perturbed(arm, seed)):
         q = np.random.default_rng(seed).uniform(-3, 3, each.n)
         model = PinocchioArm(each)
-        assert np.abs(model.flange_pose(q) - forward(each, q)[0]).max() < 1e-12
+        assert np.abs(model.flange_pose(q) - forward_kinematics(each, q)[0]).max() < 1e-12
 
 
 def test_kr5_stands_where_its_data_sheet_says(kr5):

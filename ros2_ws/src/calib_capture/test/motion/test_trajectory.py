@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from calib_capture.trajectory import Motion, Trajectory, TrajectoryError, checked_trajectory
+from calib_capture.motion.trajectory import Motion, Trajectory, TrajectoryError, checked_trajectory
 
 pytestmark = pytest.mark.timeout(60)
 NAMES = tuple(f'joint_a{i}' for i in range(1, 7))

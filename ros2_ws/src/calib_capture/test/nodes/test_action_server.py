@@ -12,28 +12,31 @@ import pytest
 
 pytest.importorskip('rclpy', reason='no ROS 2 here')
 pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
-from action_msgs.msg import GoalStatus  # noqa: E402
-from calib_interfaces.action import Capture  # noqa: E402
-from calib_interfaces.srv import Teach  # noqa: E402
-from perfect_probe import PerfectProbe  # noqa: E402
-from rclpy.action import ActionClient  # noqa: E402
-from rclpy.parameter import Parameter  # noqa: E402
-from rclpy.parameter_client import AsyncParameterClient  # noqa: E402
-from std_msgs.msg import String  # noqa: E402
-from trajectory_msgs.msg import JointTrajectory  # noqa: E402
-from visualization_msgs.msg import MarkerArray  # noqa: E402
+from action_msgs.msg import GoalStatus
+from calib_interfaces.action import Capture
+from calib_interfaces.srv import Teach
+from perfect_probe import PerfectProbe
+from rclpy.action import ActionClient
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
+from visualization_msgs.msg import MarkerArray
 
-from calib_capture.messages import joint_trajectory, qos_of  # noqa: E402
-from calib_capture.planner import Planner  # noqa: E402
-from calib_capture.program import ProgramSettings  # noqa: E402
-from calib_capture.trajectory import Trajectory  # noqa: E402
-from calib_model.bag import read_measurement  # noqa: E402
-from calib_model.placement import placements_yaml  # noqa: E402
-from calib_model.rotation import RigidTransform  # noqa: E402
-from calib_model.topics import CAPTURE_MARKERS, JOINT_TRAJECTORY  # noqa: E402
+from calib_capture.motion import Trajectory
+from calib_capture.nodes.messages import joint_trajectory
+from calib_capture.program import (
+    Planner,
+    ProgramSettings,
+)
+from calib_model.bags import read_measurement
+from calib_model.descriptions import placements_yaml
+from calib_model.nodes import qos_of
+from calib_model.topics import CAPTURE_MARKERS, JOINT_TRAJECTORY
+from calib_model.transforms import RigidTransform
 
 pytestmark = pytest.mark.timeout(120)
-ARM, CAPTURE = 'calib_capture.arm_node', 'calib_capture.capture_node'
+ARM, CAPTURE = 'calib_capture.nodes.arm_node', 'calib_capture.nodes.capture_node'
 
 
 class Client:
@@ -49,7 +52,9 @@ class Client:
         self.feedback = []
         self.shown = []
         perfect.node.create_subscription(
-            MarkerArray, CAPTURE_MARKERS.name, lambda message: self.shown.append(message.markers),
+            MarkerArray,
+            CAPTURE_MARKERS.name,
+            lambda message: self.shown.append(message.markers),
             qos_of(CAPTURE_MARKERS),
         )
         self.setter = AsyncParameterClient(perfect.node, 'capture')

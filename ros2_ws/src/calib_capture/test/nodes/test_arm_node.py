@@ -11,23 +11,22 @@ import pytest
 
 rclpy = pytest.importorskip('rclpy', reason='no ROS 2 here')
 pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
-from rclpy.executors import SingleThreadedExecutor  # noqa: E402
-from sensor_msgs.msg import JointState  # noqa: E402
-from std_msgs.msg import String  # noqa: E402
-from trajectory_msgs.msg import JointTrajectory  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
 
-from calib_capture.messages import joint_trajectory, qos_of, stamp_of  # noqa: E402
-from calib_capture.trajectory import Trajectory  # noqa: E402
-from calib_model.description import parse_arm  # noqa: E402
-from calib_model.topics import (  # noqa: E402
-    ARM_DESCRIPTION,
-    JOINT_STATES,
-    JOINT_TRAJECTORY,
-    ROBOT_DESCRIPTION,
+from calib_capture.motion import Trajectory
+from calib_capture.nodes.messages import joint_trajectory
+from calib_model.descriptions import parse_arm
+from calib_model.nodes import (
+    qos_of,
+    stamp_of,
 )
+from calib_model.topics import ARM_DESCRIPTION, JOINT_STATES, JOINT_TRAJECTORY, ROBOT_DESCRIPTION
 
 pytestmark = pytest.mark.timeout(90)
-MODULE = 'calib_capture.arm_node'
+MODULE = 'calib_capture.nodes.arm_node'
 
 
 class Peer:
@@ -47,9 +46,11 @@ class Peer:
         self.node.create_subscription(JointState, JOINT_STATES.name, self.states.append, qos)
         for topic in (ARM_DESCRIPTION, ROBOT_DESCRIPTION):
             self.node.create_subscription(
-                String, topic.name,
-                lambda m, name=topic.name: self.texts.update({name: m.data}), qos_of(topic),
-            )  # fmt: skip
+                String,
+                topic.name,
+                lambda m, name=topic.name: self.texts.update({name: m.data}),
+                qos_of(topic),
+            )
         self.publisher = self.node.create_publisher(
             JointTrajectory, JOINT_TRAJECTORY.name, qos_of(JOINT_TRAJECTORY)
         )

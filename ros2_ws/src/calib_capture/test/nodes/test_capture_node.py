@@ -12,20 +12,25 @@ import pytest
 
 pytest.importorskip('rclpy', reason='no ROS 2 here')
 pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
-from calib_interfaces.msg import StylusDisplacements  # noqa: E402
-from perfect_probe import PerfectProbe  # noqa: E402
-from std_msgs.msg import String  # noqa: E402
+from calib_interfaces.msg import StylusDisplacements
+from perfect_probe import PerfectProbe
+from std_msgs.msg import String
 
-from calib_capture.messages import qos_of, stamp_of  # noqa: E402
-from calib_capture.publishers import CLEAR  # noqa: E402
-from calib_model.bag import read_measurement  # noqa: E402
-from calib_model.bag_reader import read_messages  # noqa: E402
-from calib_model.description import probe_yaml  # noqa: E402
-from calib_model.kinematics import points  # noqa: E402
-from calib_model.topics import PROBE_DISPLACEMENTS  # noqa: E402
+from calib_capture.recording import CLEAR
+from calib_model.bags import (
+    read_measurement,
+    read_messages,
+)
+from calib_model.descriptions import probe_yaml
+from calib_model.kinematics import points
+from calib_model.nodes import (
+    qos_of,
+    stamp_of,
+)
+from calib_model.topics import PROBE_DISPLACEMENTS
 
 pytestmark = pytest.mark.timeout(120)
-ARM, CAPTURE = 'calib_capture.arm_node', 'calib_capture.capture_node'
+ARM, CAPTURE = 'calib_capture.nodes.arm_node', 'calib_capture.nodes.capture_node'
 
 
 @pytest.fixture
@@ -40,9 +45,12 @@ def perfect(domain, kr5, probe, gauge, placements, monkeypatch):
 def asked(config, tmp_path):
     """Twelve poses of two spheres at one location."""
     return {
-        'placements': config / 'locations' / 'kr5.yaml', 'output': tmp_path / 'bag',
-        'locations': '[3]', 'spheres': '[1, 10]', 'poses_per_sphere': 6,
-    }  # fmt: skip
+        'placements': config / 'locations' / 'kr5.yaml',
+        'output': tmp_path / 'bag',
+        'locations': '[3]',
+        'spheres': '[1, 10]',
+        'poses_per_sphere': 6,
+    }
 
 
 @pytest.fixture
@@ -68,9 +76,13 @@ def test_every_pose_is_taken_published_and_recorded(graph, perfect, asked, arm_n
     assert off.max() < 1e-7
     topics = {message.topic for message in read_messages(tmp_path / 'bag')}
     assert topics == {
-        '/arm_description', '/probe_description', '/gauge_description', '/joint_states',
-        '/probe/displacements', '/capture/poses',
-    }  # fmt: skip
+        '/arm_description',
+        '/probe_description',
+        '/gauge_description',
+        '/joint_states',
+        '/probe/displacements',
+        '/capture/poses',
+    }
     perfect.executor.spin_once(timeout_sec=0.2)
     assert len(perfect.poses) == 12
     assert [stamp_of(pose.header) for pose in perfect.poses] == poses.stamp.tolist()
@@ -98,9 +110,7 @@ def test_readings_lost_once_are_taken_the_second_time(graph, perfect, asked, arm
     assert first >= 3
 
 
-def test_ctrl_c_stops_the_arm_and_leaves_a_bag_that_opens(
-    graph, perfect, asked, config, tmp_path
-):
+def test_ctrl_c_stops_the_arm_and_leaves_a_bag_that_opens(graph, perfect, asked, config, tmp_path):
     path = config / 'arms' / 'kuka_kr5_sixx_r650.yaml'
     graph.start(ARM, arm=path, time_scale=5)
     capture = graph.start(CAPTURE, **{**asked, 'poses_per_sphere': 200})

@@ -13,16 +13,15 @@ import numpy as np
 import pytest
 
 from calib_bringup.domains import held_domain
-from calib_model import cdr
-from calib_model.bag_writer import BagWriter
+from calib_model.bags import BagWriter, cdr
 from calib_model.topics import ARM_DESCRIPTION, CAPTURE_POSES, PROBE_DISPLACEMENTS, Topic
 
 rclpy = pytest.importorskip('rclpy', reason='no ROS 2 here')
 interfaces = pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
-from rclpy.executors import SingleThreadedExecutor  # noqa: E402
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy  # noqa: E402
-from rosgraph_msgs.msg import Clock  # noqa: E402
-from std_msgs.msg import String  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
 
 DOMAIN = held_domain()
 START = 1_700_000_000_000_000_000
@@ -105,7 +104,7 @@ def replaying() -> Iterator[list[subprocess.Popen[str]]]:
 
 
 def replay(started: list[subprocess.Popen[str]], *arguments: object) -> subprocess.Popen[str]:
-    command = [sys.executable, '-m', 'calib_capture.replay_node', *map(str, arguments)]
+    command = [sys.executable, '-m', 'calib_capture.nodes.replay_node', *map(str, arguments)]
     process = subprocess.Popen(
         command, env=ENVIRONMENT, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
     )

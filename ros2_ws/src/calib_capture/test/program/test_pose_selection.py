@@ -4,7 +4,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib_capture.choice import (
+from calib_capture.program.planner import Planner
+from calib_capture.program.pose_selection import (
     ChoiceSettings,
     Pool,
     Telling,
@@ -13,9 +14,8 @@ from calib_capture.choice import (
     information_of,
     log_det,
 )
-from calib_capture.planner import Planner
-from calib_capture.program import ProgramSettings
-from calib_model.rotation import frozen
+from calib_capture.program.program import ProgramSettings
+from calib_model.arrays import frozen
 
 pytestmark = pytest.mark.timeout(60)
 WANTED = 6

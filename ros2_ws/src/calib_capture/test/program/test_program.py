@@ -5,16 +5,15 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from calib_capture.candidates import NO_FREE_WAY, Candidate
-from calib_capture.order import travel_time
-from calib_capture.planner import Planner
-from calib_capture.program import ProgramError, ProgramSettings
-from calib_capture.visiting import Visiting
-from calib_capture.ways import Ways
+from calib_capture.motion import Ways, travel_time
+from calib_capture.program.candidates import NO_FREE_WAY, Candidate
+from calib_capture.program.planner import Planner
+from calib_capture.program.program import ProgramError, ProgramSettings
+from calib_capture.program.visiting_order import Visiting
 from calib_model.errors import DataError
-from calib_model.kinematics import forward
-from calib_model.probe import PassiveProbe
-from calib_model.rotation import RigidTransform
+from calib_model.instruments import PassiveProbe
+from calib_model.kinematics import forward_kinematics
+from calib_model.transforms import RigidTransform
 
 pytestmark = pytest.mark.timeout(60)
 SETTINGS = ProgramSettings(pool=1)
@@ -55,14 +54,14 @@ def test_poses_keep_off_the_joint_limits(program, joints, kr5):
 def test_poses_bring_the_sphere_to_its_place_in_the_probe(
     program, joints, kr5, probe, gauge, placements
 ):
-    T_base_probe = forward(kr5, joints) @ probe.flange_T_probe.matrix()
+    T_base_probe = forward_kinematics(kr5, joints) @ probe.flange_T_probe.matrix()
     for pose, T in zip(program.poses, T_base_probe, strict=True):
         expected = placements[pose.location].apply(gauge.center(pose.sphere))
         assert np.abs(T[:3, :3] @ pose.p_probe_sphere + T[:3, 3] - expected).max() < 1e-9
 
 
 def test_spheres_are_probed_from_the_cap_around_the_gauge_s_z(program, joints, kr5, placements):
-    for pose, T in zip(program.poses, forward(kr5, joints), strict=True):
+    for pose, T in zip(program.poses, forward_kinematics(kr5, joints), strict=True):
         outward = -T[:3, 2]  # the probe is mounted along the flange's z
         z_gauge = placements[pose.location].rotation[:, 2]
         assert outward @ z_gauge >= np.cos(SETTINGS.cap) - 1e-9
@@ -113,7 +112,7 @@ def test_seven_joints_are_swept(iiwa14, probe, gauge):
     joints = np.array([pose.joints for pose in program.poses])
     assert len(joints) == 80
     assert len(set(joints[:, 2].round(6))) >= 15
-    T_base_probe = forward(iiwa14, joints) @ probe.flange_T_probe.matrix()
+    T_base_probe = forward_kinematics(iiwa14, joints) @ probe.flange_T_probe.matrix()
     seats = np.array([pose.p_probe_sphere for pose in program.poses])
     centers = np.einsum('nij,nj->ni', T_base_probe[:, :3, :3], seats) + T_base_probe[:, :3, 3]
     assert np.abs(centers[:40] - place[1].apply(gauge.center(1))).max() < 1e-9

@@ -2,18 +2,18 @@
 import numpy as np
 import pytest
 
-from calib_capture.teach import (
+from calib_capture.program.taught_spheres import (
     TaughtBook,
     TaughtSphere,
     TeachError,
     probed_sphere,
     taught_location,
 )
+from calib_model.descriptions import parse_placements, placements_yaml
 from calib_model.errors import DataError, DescriptionError
-from calib_model.gauge import Gauge
-from calib_model.kinematics import forward
-from calib_model.placement import parse_placements, placements_yaml
-from calib_model.rotation import RigidTransform, nearest_rotation
+from calib_model.instruments import Gauge
+from calib_model.kinematics import forward_kinematics
+from calib_model.transforms import RigidTransform, nearest_rotation
 
 pytestmark = pytest.mark.timeout(30)
 
@@ -113,7 +113,7 @@ def test_a_probed_sphere_is_where_the_arm_has_it(kr5, probe, gauge):
     p_probe = np.array([0.0007, -0.0004, 0.0009])
     displacement = probe.displacements(p_probe[None], gauge.sphere_diameter)[0]
     found = probed_sphere(kr5, probe, gauge, 6, q, displacement)
-    T_base_probe = forward(kr5, q[None])[0] @ probe.flange_T_probe.matrix()
+    T_base_probe = forward_kinematics(kr5, q[None])[0] @ probe.flange_T_probe.matrix()
     expected = T_base_probe[:3, :3] @ p_probe + T_base_probe[:3, 3]
     assert found.number == 6
     assert np.abs(found.p_base_sphere - expected).max() < 1e-12

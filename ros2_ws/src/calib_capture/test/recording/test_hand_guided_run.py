@@ -4,13 +4,13 @@
 import numpy as np
 import pytest
 
-from calib_capture.led import LedRun
-from calib_capture.led_note import LedNote, apart
-from calib_capture.moving import NO_SPHERE, NO_TOUCH, MovingSettings, PairedReading
-from calib_capture.sphere_finder import NOWHERE, UNTOUCHED, SphereFinder
+from calib_capture.recording.hand_guided_record import LedNote, apart
+from calib_capture.recording.hand_guided_run import LedRun
 from calib_model.errors import BagError
 from calib_model.kinematics import points
-from calib_model.pairing import SECOND
+from calib_model.labelling import NOWHERE, UNTOUCHED, SphereFinder
+from calib_model.pairing import NO_SPHERE, NO_TOUCH, MovingSettings, PairedReading
+from calib_model.stamps import SECOND
 
 pytestmark = pytest.mark.timeout(60)
 SETTINGS = MovingSettings(spacing=0.1, seated=0.05)
@@ -88,7 +88,7 @@ def test_the_sphere_is_the_one_whose_nominal_centre_is_near(kr5, probe, gauge, p
         moved = type(place)(
             place.translation + p_base - place.apply(gauge.center(10)) + [off, 0, 0],
             place.rotation_vector,
-        )  # fmt: skip
+        )
         finder = SphereFinder(kr5, probe, gauge, {3: moved}, (1, 10))
         assert finder.rows(q[None], s).tolist() == [row]
     torn = np.array([[0.0, 0.0, 0.0], [5.0, -5.0, 5.0]])

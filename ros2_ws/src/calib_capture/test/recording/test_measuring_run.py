@@ -6,17 +6,14 @@ import io
 import numpy as np
 import pytest
 
+from calib_capture.motion import Motion
 from calib_capture.program import PlannedPose, Program, SpherePlan
-from calib_capture.recorder import Recorder
-from calib_capture.run import NO_ANSWER, MeasuringRun, RunError, RunSettings
-from calib_capture.session import CaptureSession
-from calib_capture.trajectory import Motion
-from calib_model import cdr
-from calib_model.bag import read_measurement
-from calib_model.bag_reader import read_messages
+from calib_capture.recording.measuring_run import NO_ANSWER, MeasuringRun, RunError, RunSettings
+from calib_capture.recording.program_session import CaptureSession
+from calib_capture.recording.recorder import Recorder
+from calib_model.bags import cdr, read_measurement, read_messages
 from calib_model.errors import BagError
 from calib_model.pairing import (
-    SECOND,
     JointSample,
     Pairing,
     Reading,
@@ -26,6 +23,7 @@ from calib_model.pairing import (
     SteadySettings,
 )
 from calib_model.progress import Progress
+from calib_model.stamps import SECOND
 from calib_model.topics import CAPTURE_POSES
 
 pytestmark = pytest.mark.timeout(60)
@@ -95,11 +93,24 @@ def test_an_arm_goes_by_the_way_that_was_found_free_or_by_one_found_anew(kr5):
     run = MeasuringRun(kr5, program, RunSettings(batch=4, approach_speed=0.05), 0.0)
     run.see(np.zeros(6), 0, 0.0)
     first = run.next_trajectory(0.0)
-    assert first.positions[:, 0] == pytest.approx([
-        0.77, 0.11, 0.1, 0.1,  # from where the arm stood
-        0.11, 0.7, 0.21, 0.2, 0.2,  # as planned
-        0.21, 0.77, 0.41, 0.4, 0.4,  # the third has no way: on to the fourth
-    ])  # fmt: skip
+    assert first.positions[:, 0] == pytest.approx(
+        [
+            0.77,
+            0.11,
+            0.1,
+            0.1,  # from where the arm stood
+            0.11,
+            0.7,
+            0.21,
+            0.2,
+            0.2,  # as planned
+            0.21,
+            0.77,
+            0.41,
+            0.4,
+            0.4,  # the third has no way: on to the fourth
+        ]
+    )
     assert [pose for _, pose in asked] == [poses[0], poses[2], poses[3]]
     assert [start for start, _ in asked] == pytest.approx([0.0, 0.21, 0.21])
     assert run.tally.refused == {'no free way, arm touches rod where the arm stands': 1}

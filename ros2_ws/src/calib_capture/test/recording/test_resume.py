@@ -11,18 +11,22 @@ import numpy as np
 import pytest
 
 from calib_capture.program import PlannedPose, Program, SpherePlan
-from calib_capture.resume import begun, remaining
-from calib_model.bag import read_measurement, write_descriptions, write_measurement
-from calib_model.bag_reader import read_messages
-from calib_model.bag_recovery import recover
-from calib_model.bag_writer import BagWriter
+from calib_capture.recording.resume import begun, remaining
+from calib_model.bags import (
+    BagWriter,
+    read_measurement,
+    read_messages,
+    recover,
+    write_descriptions,
+    write_measurement,
+)
 from calib_model.errors import BagError
-from calib_model.probing import Measurement, ProbingSet
+from calib_model.measurement import Measurement, ProbingSet
 
 KILLS = int(os.environ.get('CAPTURE_KILLS', '3'))
 SEED = int(os.environ.get('CAPTURE_KILLS_SEED', '4'))
 pytestmark = pytest.mark.timeout(240 + 30 * KILLS)
-ARM, CAPTURE = 'calib_capture.arm_node', 'calib_capture.capture_node'
+ARM, CAPTURE = 'calib_capture.nodes.arm_node', 'calib_capture.nodes.capture_node'
 
 
 def plan(sphere, count=5, spares=2):
@@ -39,9 +43,13 @@ def taken(*spheres_and_rows):
     count = len(spheres)
     joints = np.array([np.full(6, 0.1 * row) for _, row in spheres_and_rows])
     return ProbingSet(
-        np.ones(count, dtype=int), spheres, joints, np.zeros((count, 3)),
-        np.arange(count), np.full(count, 3),
-    )  # fmt: skip
+        np.ones(count, dtype=int),
+        spheres,
+        joints,
+        np.zeros((count, 3)),
+        np.arange(count),
+        np.full(count, 3),
+    )
 
 
 def rows(poses):
@@ -97,7 +105,7 @@ def test_a_killed_capture_keeps_every_acknowledged_pose_and_resumes_to_a_complet
     pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
     from perfect_probe import PerfectProbe
 
-    from calib_capture.messages import stamp_of
+    from calib_model.nodes import stamp_of
 
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     perfect = PerfectProbe(domain, kr5, probe, gauge, placements)
@@ -105,10 +113,13 @@ def test_a_killed_capture_keeps_every_acknowledged_pose_and_resumes_to_a_complet
     try:
         graph.start(ARM, arm=config / 'arms' / 'kuka_kr5_sixx_r650.yaml', time_scale=0)
         asked = {
-            'placements': config / 'locations' / 'kr5.yaml', 'output': bag,
-            'locations': '[3]', 'spheres': '[1, 10]', 'poses_per_sphere': each_sphere,
+            'placements': config / 'locations' / 'kr5.yaml',
+            'output': bag,
+            'locations': '[3]',
+            'spheres': '[1, 10]',
+            'poses_per_sphere': each_sphere,
             'resume': 'true',
-        }  # fmt: skip
+        }
         rng = np.random.default_rng(SEED)
         cut = False
         for number in range(KILLS):

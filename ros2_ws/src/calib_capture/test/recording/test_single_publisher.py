@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib_capture.publishers import CLEAR, LATCHED, Origin, Publishers
+from calib_capture.recording.single_publisher import CLEAR, LATCHED, Origin, Publishers
 
 
 def judged(numbers, period=0.01):

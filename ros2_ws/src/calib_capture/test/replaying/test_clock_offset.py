@@ -6,16 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib_capture.pair import pair
-from calib_capture.planner import Planner
-from calib_capture.program import ProgramSettings
-from calib_model import cdr
-from calib_model.bag import read_measurement, write_descriptions
-from calib_model.bag_writer import BagWriter
-from calib_model.clock_offset import WAITING, ClockEstimate, clock_offset
+from calib_capture.commands.pair import pair
+from calib_capture.program import Planner, ProgramSettings
+from calib_model.bags import BagWriter, cdr, read_measurement, write_descriptions
+from calib_model.descriptions import placements_yaml
 from calib_model.kinematics import points
-from calib_model.pairing import SECOND, JointSample, Reading, SteadySettings
-from calib_model.placement import placements_yaml
+from calib_model.pairing import (
+    WAITING,
+    ClockEstimate,
+    JointSample,
+    Reading,
+    SteadySettings,
+    estimate_clock_offset,
+)
+from calib_model.stamps import SECOND
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
 
 pytestmark = pytest.mark.timeout(60)
@@ -30,18 +34,24 @@ def stamp(seconds):
 def postures(kr5, probe, gauge, placements):
     settings = ProgramSettings(spheres=(1, 10), poses_per_sphere=4)
     program = Planner(kr5, probe, gauge, settings).program(placements, [3])
-    return [(pose.joints, placements[3].apply(gauge.center(pose.sphere)))
-            for pose in program.poses]  # fmt: skip
+    return [(pose.joints, placements[3].apply(gauge.center(pose.sphere))) for pose in program.poses]
 
 
 def streams(kr5, probe, gauge, postures, offset, swing=1.2e-2, seed=1):
     """The true arm, off by mm from the nominal, sways around each posture for a second."""
     rng = np.random.default_rng(seed)
-    true = replace(kr5, joints=tuple(
-        replace(joint, a=joint.a + rng.normal(0, 3e-4), d=joint.d + rng.normal(0, 3e-4),
-                theta_0=joint.theta_0 + rng.normal(0, 5e-4))
-        for joint in kr5.joints
-    ))  # fmt: skip
+    true = replace(
+        kr5,
+        joints=tuple(
+            replace(
+                joint,
+                a=joint.a + rng.normal(0, 3e-4),
+                d=joint.d + rng.normal(0, 3e-4),
+                theta_0=joint.theta_0 + rng.normal(0, 5e-4),
+            )
+            for joint in kr5.joints
+        ),
+    )
     joints, readings = [], []
     for number, (middle, sphere) in enumerate(postures):
         phase, begin = rng.uniform(0, 6, 6), 3.0 * number
@@ -90,7 +100,7 @@ def late(in_step, offset):
 def test_an_injected_offset_is_found_to_a_fifth_of_a_millisecond(
     offset, kr5, probe, gauge, in_step
 ):
-    found = clock_offset(kr5, probe, gauge, *late(in_step, offset))
+    found = estimate_clock_offset(kr5, probe, gauge, *late(in_step, offset))
     assert abs(found.seconds - offset) < 2e-4
     assert found.standard_uncertainty < 2e-4
 
@@ -108,7 +118,7 @@ def test_what_is_told_while_it_goes_on_is_what_is_told_of_the_whole(kr5, probe, 
         if len(told) < estimate.chunks - 6:
             told.append(estimate.estimate())
     estimate.finish()
-    whole = clock_offset(kr5, probe, gauge, joints, readings)
+    whole = estimate_clock_offset(kr5, probe, gauge, joints, readings)
     assert estimate.estimate().seconds == pytest.approx(whole.seconds, abs=2e-5)
     assert told
     assert all(each is None or abs(each.seconds - 0.003) < 5e-4 for each in told)
@@ -116,7 +126,7 @@ def test_what_is_told_while_it_goes_on_is_what_is_told_of_the_whole(kr5, probe, 
 
 def test_readings_of_another_day_tell_nothing_and_are_not_hoarded(kr5, probe, gauge, in_step):
     joints, readings = late(in_step, 86400.0)
-    assert clock_offset(kr5, probe, gauge, joints, readings) is None
+    assert estimate_clock_offset(kr5, probe, gauge, joints, readings) is None
     estimate = ClockEstimate(kr5, probe, gauge)
     for reading in readings:
         estimate.see_reading(reading)
@@ -125,13 +135,13 @@ def test_readings_of_another_day_tell_nothing_and_are_not_hoarded(kr5, probe, ga
 
 def test_an_arm_that_never_moves_in_contact_tells_nothing(kr5, probe, gauge, postures):
     still = streams(kr5, probe, gauge, postures, 0.003, swing=0.0)
-    assert clock_offset(kr5, probe, gauge, *still) is None
+    assert estimate_clock_offset(kr5, probe, gauge, *still) is None
 
 
 def test_streams_without_contact_tell_nothing(kr5, probe, gauge, in_step):
     joints, readings = in_step
     away = [reading._replace(status=(1, 1, 1)) for reading in readings]
-    assert clock_offset(kr5, probe, gauge, joints, away) is None
+    assert estimate_clock_offset(kr5, probe, gauge, joints, away) is None
 
 
 def test_pair_reports_the_offset_and_corrects_it_when_asked(

@@ -8,20 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib_capture import pair as pair_command
-from calib_capture import recover as recover_command
-from calib_capture.pair import pair
-from calib_model import cdr
-from calib_model.bag import read_measurement, write_measurement
-from calib_model.bag_reader import read_messages
-from calib_model.bag_writer import BagWriter
+from calib_capture.commands import pair as pair_command, recover as recover_command
+from calib_capture.commands.pair import pair
+from calib_model.bags import BagWriter, cdr, read_measurement, read_messages, write_measurement
 from calib_model.errors import BagError
-from calib_model.pairing import SteadySettings
-from calib_model.pairing_note import note_of, settings_of
+from calib_model.pairing import SteadySettings, note_of, settings_of
 from calib_model.topics import CAPTURE_POSES, DESCRIPTIONS, JOINT_STATES, PROBE_DISPLACEMENTS
 
 pytestmark = pytest.mark.timeout(60)
-RECORDED = Path(__file__).resolve().parents[4] / 'bags' / 'demo' / 'identification'
+RECORDED = Path(__file__).resolve().parents[5] / 'bags' / 'demo' / 'identification'
 
 
 @pytest.fixture
@@ -79,6 +74,7 @@ def test_an_arm_started_anew_with_an_earlier_clock_is_paired_too(live, tmp_path)
     topics = {t.name: t for t in (*DESCRIPTIONS, JOINT_STATES, PROBE_DISPLACEMENTS, CAPTURE_POSES)}
     messages = list(read_messages(RECORDED, set(topics)))
     stops = live['stamp'][280]
+
     def early(message):
         if message.topic not in (JOINT_STATES.name, PROBE_DISPLACEMENTS.name, CAPTURE_POSES.name):
             return True
@@ -128,8 +124,9 @@ def test_commands_report_counts_and_end_with_three_where_something_is_missing(
     assert list(read_messages(tmp_path / 'back', cut_allowed=False)) == there
     code, out = said(monkeypatch, capsys, recover_command.main, RECORDED, tmp_path / 'copy')
     assert (code, out.out.splitlines()[-1]) == (
-        0, f'{tmp_path}/copy: 6501 messages recovered, missing: nothing',
-    )  # fmt: skip
+        0,
+        f'{tmp_path}/copy: 6501 messages recovered, missing: nothing',
+    )
     code, out = said(monkeypatch, capsys, recover_command.main, tmp_path / 'no', tmp_path / 'x')
     assert (code, out.err) == (2, f'{tmp_path}/no: no such bag\n')
     code, out = said(monkeypatch, capsys, pair_command.main, tmp_path / 'back', tmp_path / 'p')

@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib_capture.playback import OfferedQos, Timing, offered_qos, read_playback
-from calib_model import cdr
-from calib_model.bag_writer import BagWriter
+from calib_capture.replaying.playback import OfferedQos, Timing, offered_qos, read_playback
+from calib_model.bags import BagWriter, cdr
 from calib_model.errors import BagError
 from calib_model.topics import ARM_DESCRIPTION, JOINT_STATES, PROBE_DISPLACEMENTS, Topic
 

@@ -139,26 +139,38 @@ def joint_state(stamp: int, frame: str, names: list[str], position: np.ndarray) 
     """A sensor_msgs/JointState with positions (n,) in rad."""
     empty = np.zeros(0)
     return typestore().types[JOINT_STATE](
-        header=header(stamp, frame), name=names, position=np.asarray(position, dtype=np.float64),
-        velocity=empty, effort=empty,
-    )  # fmt: skip
+        header=header(stamp, frame),
+        name=names,
+        position=np.asarray(position, dtype=np.float64),
+        velocity=empty,
+        effort=empty,
+    )
 
 
 def displacements(stamp: int, frame: str, values: np.ndarray, status: np.ndarray) -> Any:
     """A StylusDisplacements of three readings (3,) in m and their status (3,)."""
     return typestore().types[DISPLACEMENTS](
-        header=header(stamp, frame), displacement=np.asarray(values, dtype=np.float64),
+        header=header(stamp, frame),
+        displacement=np.asarray(values, dtype=np.float64),
         status=np.asarray(status, dtype=np.uint8),
-    )  # fmt: skip
+    )
 
 
 def probing_pose(
-    stamp: int, frame: str, location: int, sphere: int,
-    joints: np.ndarray, values: np.ndarray, readings: int,
-) -> Any:  # fmt: skip
+    stamp: int,
+    frame: str,
+    location: int,
+    sphere: int,
+    joints: np.ndarray,
+    values: np.ndarray,
+    readings: int,
+) -> Any:
     """A ProbingPose of joints (n,) in rad and mean displacements (3,) in m."""
     return typestore().types[PROBING_POSE](
-        header=header(stamp, frame), location=location, sphere=sphere,
+        header=header(stamp, frame),
+        location=location,
+        sphere=sphere,
         joint_position=np.asarray(joints, dtype=np.float64),
-        displacement=np.asarray(values, dtype=np.float64), readings=readings,
-    )  # fmt: skip
+        displacement=np.asarray(values, dtype=np.float64),
+        readings=readings,
+    )

@@ -7,10 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from calib_model import cdr
-from calib_model.arm import Arm
-from calib_model.bag_reader import BagMessage, read_messages
-from calib_model.description import (
+from calib_model.bags import cdr
+from calib_model.bags.reader import BagMessage, read_messages
+from calib_model.descriptions import (
     arm_yaml,
     gauge_yaml,
     parse_arm,
@@ -19,8 +18,7 @@ from calib_model.description import (
     probe_yaml,
 )
 from calib_model.errors import BagError
-from calib_model.gauge import Gauge
-from calib_model.probe import Probe
+from calib_model.instruments import Arm, Gauge, Probe
 from calib_model.topics import (
     ARM_DESCRIPTION,
     DESCRIPTIONS,

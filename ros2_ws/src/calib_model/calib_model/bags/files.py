@@ -11,8 +11,7 @@ from typing import IO, Any
 import zstandard
 
 from calib_model.errors import BagError, DescriptionError
-from calib_model.file_content import file_content
-from calib_model.plain_yaml import load_plain
+from calib_model.files import file_content, load_plain
 
 ZSTD = b'\x28\xb5\x2f\xfd'
 SQLITE = b'SQLite format 3\x00'
@@ -59,8 +58,9 @@ def unlisted_files(folder: Path) -> list[Path]:
     """
     for kind in KINDS:
         plain = files_in(folder, kind)
-        packed = [file for file in files_in(folder, f'{kind}.zstd')
-                  if file.with_suffix('') not in plain]  # fmt: skip
+        packed = [
+            file for file in files_in(folder, f'{kind}.zstd') if file.with_suffix('') not in plain
+        ]
         if plain or packed:
             return sorted([*plain, *packed], key=_recorded)
     return []
@@ -110,8 +110,9 @@ def listed_topics(path: str | Path) -> dict[str, str]:
         rows = _information(Path(path))['topics_with_message_count']
         return {
             str(row['topic_metadata']['name']): str(row['topic_metadata']['type'])
-            for row in rows if int(row['message_count']) > 0
-        }  # fmt: skip
+            for row in rows
+            if int(row['message_count']) > 0
+        }
     except (TypeError, KeyError, ValueError):
         return {}
 

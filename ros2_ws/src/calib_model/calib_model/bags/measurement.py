@@ -8,17 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from calib_model import cdr
-from calib_model.arm import Arm
-from calib_model.bag_descriptions import BagDescriptions
-from calib_model.bag_reader import BagMessage, read_messages
-from calib_model.bag_writer import BagWriter
-from calib_model.description import arm_yaml, gauge_yaml, probe_yaml
+from calib_model.bags import cdr
+from calib_model.bags.descriptions import BagDescriptions
+from calib_model.bags.pose_columns import decode_poses
+from calib_model.bags.reader import BagMessage, read_messages
+from calib_model.bags.writer import BagWriter
+from calib_model.descriptions import arm_yaml, gauge_yaml, probe_yaml
 from calib_model.errors import BagError
-from calib_model.gauge import Gauge
-from calib_model.pose_block import decode_poses
-from calib_model.probe import Probe
-from calib_model.probing import Measurement, ProbingSet
+from calib_model.instruments import Arm, Gauge, Probe
+from calib_model.measurement import Measurement, ProbingSet
 from calib_model.progress import Progress, paced
 from calib_model.topics import CAPTURE_POSES, DESCRIPTIONS
 
@@ -58,9 +56,12 @@ def read_measurement(
     if not poses:
         raise BagError(f'{path}: the bag has no messages on {CAPTURE_POSES.name}')
     measured = Measurement(
-        arm or described.arm(), probe or described.probe(), gauge or described.gauge(),
-        decode_poses(poses) or _one_by_one(path, poses), str(path),
-    )  # fmt: skip
+        arm or described.arm(),
+        probe or described.probe(),
+        gauge or described.gauge(),
+        decode_poses(poses) or _one_by_one(path, poses),
+        str(path),
+    )
     return measured.checked()
 
 
@@ -121,7 +122,12 @@ def write_measurement(
         for i in paced(range(len(poses)), progress, f'writing {path}', 'poses', 256):
             stamp = int(poses.stamp[i])
             pose = cdr.probing_pose(
-                stamp, measured.arm.base_frame, int(poses.location[i]), int(poses.sphere[i]),
-                poses.joints[i], poses.displacement[i], int(poses.readings[i]),
-            )  # fmt: skip
+                stamp,
+                measured.arm.base_frame,
+                int(poses.location[i]),
+                int(poses.sphere[i]),
+                poses.joints[i],
+                poses.displacement[i],
+                int(poses.readings[i]),
+            )
             bag.write_message(CAPTURE_POSES, pose, stamp)

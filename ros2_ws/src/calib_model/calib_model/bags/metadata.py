@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from calib_model import cdr
+from calib_model.bags import cdr
 from calib_model.topics import Topic
 
 
@@ -32,9 +32,12 @@ class Definition:
     def of(topic: Topic) -> Definition:
         """That of a topic of the suite."""
         return Definition(
-            topic.name, topic.type, cdr.schema_text(topic.type),
-            offered_qos=topic.offered_qos(), type_hash=cdr.type_hash(topic.type),
-        )  # fmt: skip
+            topic.name,
+            topic.type,
+            cdr.schema_text(topic.type),
+            offered_qos=topic.offered_qos(),
+            type_hash=cdr.type_hash(topic.type),
+        )
 
     def channel_metadata(self) -> dict[str, str]:
         """What rosbag2 puts beside a channel."""

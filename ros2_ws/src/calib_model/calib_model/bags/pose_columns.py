@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.cdr import SLACK
-from calib_model.probing import ProbingSet
+from calib_model.bags.cdr import SLACK
+from calib_model.measurement import ProbingSet
 
 LITTLE_ENDIAN = b'\x00\x01'
 STRING_LENGTH = 12  # offset of the frame's length, behind CDR header and stamp

@@ -16,16 +16,23 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, Message, Metadata, Schema, Statistics
 from mcap.stream_reader import StreamReader
 
-from calib_model.bag_files import ZSTD, bag_files, begins_with, open_unpacked
-from calib_model.bag_sqlite import is_sqlite, sqlite_rows
-from calib_model.bag_unpacking import LARGEST_RECORD, chunk_content, unpacked_zstd
+from calib_model.bags.decompression import LARGEST_RECORD, chunk_content, unpacked_zstd
+from calib_model.bags.files import ZSTD, bag_files, begins_with, open_unpacked
+from calib_model.bags.sqlite import is_sqlite, sqlite_rows
 from calib_model.errors import BagError
 
 # what a damaged file makes the reader and its decompressors raise; a wrong size asks for memory
 DAMAGE = (
-    McapError, struct.error, ValueError, KeyError, EOFError, OverflowError, RuntimeError,
-    MemoryError, zstandard.ZstdError,
-)  # fmt: skip
+    McapError,
+    struct.error,
+    ValueError,
+    KeyError,
+    EOFError,
+    OverflowError,
+    RuntimeError,
+    MemoryError,
+    zstandard.ZstdError,
+)
 MAGIC = b'\x89MCAP0\r\n'
 RECORD = struct.Struct('<BQ')  # opcode and length
 MESSAGE = struct.Struct('<HIQQ')  # channel, sequence, log time, publish time
@@ -48,9 +55,11 @@ class BagMessage(NamedTuple):
 
 
 def read_messages(
-    path: str | Path, topics: set[str] | None = None, cut_allowed: bool = True,
+    path: str | Path,
+    topics: set[str] | None = None,
+    cut_allowed: bool = True,
     told: Told | None = None,
-) -> Iterator[BagMessage]:  # fmt: skip
+) -> Iterator[BagMessage]:
     """The messages of a bag in the order of its files; only those of `topics` when given.
 
     A bag cut short (a crash, a kill) gives every complete chunk. Files and messages that rosbag2
@@ -104,9 +113,7 @@ def read_note(path: str | Path, name: str) -> dict[str, str]:
             if is_sqlite(file):
                 continue
             with open_unpacked(file) as stream:
-                reader = StreamReader(
-                    stream, emit_chunks=True, record_size_limit=LARGEST_RECORD
-                )
+                reader = StreamReader(stream, emit_chunks=True, record_size_limit=LARGEST_RECORD)
                 for record in reader.records:
                     if isinstance(record, Metadata) and record.name == name:
                         found = dict(record.metadata)
@@ -221,9 +228,7 @@ def _lacks_end(file: Path) -> bool:
         return stream.read() != MAGIC
 
 
-def _described(
-    file: Path, channel: Channel, schemas: dict[int, Schema]
-) -> tuple[str, str, str]:
+def _described(file: Path, channel: Channel, schemas: dict[int, Schema]) -> tuple[str, str, str]:
     """A channel's topic, type and offered QoS."""
     if channel.message_encoding != 'cdr':
         raise BagError(f'{file}: topic {channel.topic} is encoded as {channel.message_encoding!r}')

@@ -22,14 +22,14 @@ from mcap.records import (
 )
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from calib_model.bag_account import Definition, FileAccount, metadata_yaml
-from calib_model.bag_files import ZSTD, bag_files, files_in, open_unpacked, unlisted_files
-from calib_model.bag_reader import DAMAGE
-from calib_model.bag_sqlite import is_sqlite
-from calib_model.bag_unpacking import LARGEST_RECORD, chunk_content, unpacked_zstd
-from calib_model.bag_writer import BagWriter, refuse_taken, write_whole
+from calib_model.bags.decompression import LARGEST_RECORD, chunk_content, unpacked_zstd
+from calib_model.bags.files import ZSTD, bag_files, files_in, open_unpacked, unlisted_files
+from calib_model.bags.metadata import Definition, FileAccount, metadata_yaml
+from calib_model.bags.reader import DAMAGE
+from calib_model.bags.sqlite import is_sqlite
+from calib_model.bags.writer import BagWriter
 from calib_model.errors import BagError, DescriptionError
-from calib_model.plain_yaml import load_plain
+from calib_model.files import load_plain, refuse_taken, write_whole
 from calib_model.progress import Pace, Progress
 
 UNBEGUN = 1 << 16  # bytes: a recording's first chunk, the descriptions, is smaller
@@ -186,9 +186,11 @@ class _Known:
 
 
 def _copy(
-    file: Path, bag: BagWriter, found: Recovery,
+    file: Path,
+    bag: BagWriter,
+    found: Recovery,
     pace: Callable[[int, int], None] = lambda done, planned: None,
-) -> None:  # fmt: skip
+) -> None:
     """Copy every message of a file that can be read, and count the rest."""
     known, indexed, told = _Known(), 0, -1
     used, size = 0, file.stat().st_size

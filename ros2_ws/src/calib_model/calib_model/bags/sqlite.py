@@ -12,8 +12,8 @@ from pathlib import Path
 
 import zstandard
 
-from calib_model.bag_files import SQLITE, ZSTD, begins_with, open_unpacked
-from calib_model.bag_unpacking import LARGEST_RECORD
+from calib_model.bags.decompression import LARGEST_RECORD
+from calib_model.bags.files import SQLITE, ZSTD, begins_with, open_unpacked
 from calib_model.errors import BagError
 
 Row = tuple[str, str, int, bytes, str]  # topic, type, time in ns, data, offered QoS
@@ -59,8 +59,9 @@ def _rows(file: Path, topics: set[str] | None) -> Iterator[Row]:
         marks = ','.join('?' * len(known))
         found = base.execute(
             f'SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) '
-            'ORDER BY timestamp, id', tuple(known),
-        )  # fmt: skip
+            'ORDER BY timestamp, id',
+            tuple(known),
+        )
         for number, time, data in found:
             name, kind, offered = known[number]
             if not isinstance(time, int) or not isinstance(data, bytes):

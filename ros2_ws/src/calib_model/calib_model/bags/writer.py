@@ -3,34 +3,20 @@
 
 from __future__ import annotations
 
-import errno
 import os
-import stat
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from threading import get_native_id
 from types import TracebackType
 from typing import Any
 
 from mcap.writer import CompressionType, Writer
 
-from calib_model import cdr
-from calib_model.bag_account import Definition, FileAccount, metadata_yaml
+from calib_model.bags import cdr
+from calib_model.bags.metadata import Definition, FileAccount, metadata_yaml
 from calib_model.errors import BagError
+from calib_model.files import TAKEN, write_whole
 from calib_model.topics import Topic
-
-TAKEN = '{}: exists already, a bag is never overwritten'
-
-
-def refuse_taken(path: str | Path) -> None:
-    """Nothing, while a bag can be made at `path`.
-
-    Raises:
-        BagError: there is something, be it a link that leads nowhere.
-    """
-    if os.path.lexists(path):
-        raise BagError(TAKEN.format(path))
 
 
 class BagWriter:
@@ -45,9 +31,11 @@ class BagWriter:
     """
 
     def __init__(
-        self, path: str | Path, chunk_size: int = 256 * 1024,
+        self,
+        path: str | Path,
+        chunk_size: int = 256 * 1024,
         earlier: Sequence[FileAccount] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.path = Path(path)
         self._earlier = tuple(earlier)
         self._account = FileAccount(f'{self.path.name}_{len(self._earlier)}.mcap')
@@ -77,7 +65,7 @@ class BagWriter:
         self.add(topic.name, data, log_time, publish_time)
 
     def write_message(self, topic: Topic, message: Any, time: int) -> None:
-        """Add a message made by `calib_model.cdr`, received when it was sent (ns)."""
+        """Add a message made by `calib_model.bags.cdr`, received when it was sent (ns)."""
         self.write(topic, cdr.encode(message), time, time)
 
     def define(self, definition: Definition) -> None:
@@ -90,9 +78,11 @@ class BagWriter:
                     definition.type, definition.encoding, definition.schema
                 )
             self._channels[definition.topic] = self._writer.register_channel(
-                definition.topic, 'cdr', self._schemas[definition.type],
+                definition.topic,
+                'cdr',
+                self._schemas[definition.type],
                 definition.channel_metadata(),
-            )  # fmt: skip
+            )
         self._account.definitions[definition.topic] = definition
 
     def add(self, topic: str, data: bytes, log_time: int, publish_time: int) -> None:
@@ -178,52 +168,3 @@ class _Disk:
         if isinstance(error, OSError):
             self.failed = True
             raise BagError(f'{self.path}: cannot be written: {error.strerror}') from error
-
-
-def write_whole(path: str | Path, text: str | bytes) -> None:
-    """Write a text file (UTF-8, or the bytes given) whole or not at all.
-
-    Raises:
-        OSError: it could not be written; what was there before is still there.
-    """
-    path = Path(path)
-    write_together(path.parent, {path.name: text})
-
-
-def write_together(folder: Path, texts: Mapping[str, str | bytes]) -> None:
-    """Write files that belong together: none takes its place before all are on disk.
-
-    Raises:
-        OSError: one could not be written, or a device, a pipe or a folder has its name; what was
-            there before is still there.
-    """
-    for name in texts:
-        _refuse_other_than_a_file(folder / name)
-    own = f'{os.getpid()}-{get_native_id()}'  # two requests may write to one folder at once
-    parts = {name: folder / f'.{name}.{own}.part' for name in texts}
-    try:
-        for name, text in texts.items():
-            with parts[name].open('wb') as stream:
-                stream.write(_encoded(text) if isinstance(text, str) else text)
-                stream.flush()
-                os.fsync(stream.fileno())
-        for name, part in parts.items():
-            part.replace(folder / name)
-    finally:
-        for part in parts.values():
-            part.unlink(missing_ok=True)
-
-
-def _refuse_other_than_a_file(path: Path) -> None:
-    """A new file takes the place of what has its name: for root that could be /dev/null itself."""
-    try:
-        regular = stat.S_ISREG(path.stat().st_mode)
-    except OSError:
-        return  # nothing there, or a link that leads nowhere
-    if not regular or os.path.realpath(path.parent) in ('/dev', '/proc/self/fd'):
-        raise OSError(errno.EINVAL, 'not a regular file')
-
-
-def _encoded(text: str) -> bytes:
-    """UTF-8; names of files that are no text are spelled out."""
-    return text.encode('utf-8', 'backslashreplace')

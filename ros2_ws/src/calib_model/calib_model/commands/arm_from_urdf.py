@@ -9,17 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from calib_model.arm import Arm
-from calib_model.bag_writer import write_whole
-from calib_model.command import CommandParser, run_command
-from calib_model.denavit_hartenberg import arm_of_chain
-from calib_model.description import arm_yaml
-from calib_model.errors import CalibrationError, DescriptionError, printable
-from calib_model.file_content import file_content
-from calib_model.freedom import parallel_joints
-from calib_model.kinematics import forward
-from calib_model.rotation import RigidTransform
-from calib_model.serial_chain import SerialChain, read_chain
+from calib_model.command_line import CommandParser, run_command
+from calib_model.descriptions import arm_yaml
+from calib_model.errors import CalibrationError, printable
+from calib_model.files import write_whole
+from calib_model.instruments import Arm
+from calib_model.kinematics import parallel_joints
+from calib_model.transforms import RigidTransform
+from calib_model.urdf import arm_from_urdf, read_urdf
 
 ABOUT = """\
 Write the Denavit-Hartenberg description of a serial arm from its URDF.
@@ -32,43 +29,6 @@ EXAMPLE = """\
 example:
   ros2 run calib_model arm_from_urdf ur5.urdf --base base_link --flange tool0 ur5.yaml
 """
-POSTURES = 100
-EXACT = 1e-9  # m and rad
-
-
-def arm_from_urdf(
-    text: str | bytes, base: str = '', flange: str = '', source: str = 'URDF', name: str = ''
-) -> Arm:
-    """The arm of a URDF text, its forward kinematics held against the URDF's.
-
-    Raises:
-        DescriptionError: not a URDF, or no serial arm of turning joints from `base` to `flange`.
-    """
-    chain = read_chain(text, base, flange, source)
-    arm = arm_of_chain(chain, name)
-    off = largest_difference(arm, chain)
-    if not off < EXACT:
-        raise DescriptionError(source, '', f'its D-H parameters are {off:.2g} m off the URDF')
-    return arm
-
-
-def largest_difference(arm: Arm, chain: SerialChain) -> float:
-    """By how much the flange poses of arm and chain differ at random postures: any element, m."""
-    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (POSTURES, arm.n))
-    expected = np.array([chain.forward(posture) for posture in q])
-    return float(np.abs(forward(arm, q) - expected).max())
-
-
-def read_urdf(path: str | Path) -> bytes:
-    """A URDF file's content, as it is.
-
-    Raises:
-        DescriptionError: it cannot be read.
-    """
-    try:
-        return file_content(path)
-    except OSError as error:
-        raise DescriptionError(str(path), '', f'cannot be read: {error.strerror}') from error
 
 
 def summary(arm: Arm) -> str:

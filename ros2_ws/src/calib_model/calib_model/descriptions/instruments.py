@@ -10,20 +10,35 @@ from typing import Any, TypeVar
 import numpy as np
 import yaml
 
-from calib_model.arm import Arm, ControllerAxis, Joint
 from calib_model.errors import DescriptionError
-from calib_model.fields import Fields, load_mapping
-from calib_model.file_content import file_content
-from calib_model.gauge import Gauge
-from calib_model.plain_yaml import LARGEST_TEXT
-from calib_model.probe import STYLI, ActiveProbe, PassiveProbe, Probe, Stylus
-from calib_model.rotation import RigidTransform
+from calib_model.files import LARGEST_TEXT, Fields, file_content, load_mapping
+from calib_model.instruments import (
+    STYLI,
+    ActiveProbe,
+    Arm,
+    ControllerAxis,
+    Gauge,
+    Joint,
+    PassiveProbe,
+    Probe,
+    Stylus,
+)
+from calib_model.transforms import RigidTransform
 
 T = TypeVar('T')
 ARM_TRANSFORMS = ('base_T_dh', 'dh_T_flange', 'flange_T_controller')
 JOINT_KEYS = (
-    'name', 'a', 'alpha', 'd', 'theta_0', 'beta', 'direction', 'limits', 'velocity', 'controller'
-)  # fmt: skip
+    'name',
+    'a',
+    'alpha',
+    'd',
+    'theta_0',
+    'beta',
+    'direction',
+    'limits',
+    'velocity',
+    'controller',
+)
 TRANSFORM_KEYS = ('translation', 'rotation_vector')
 LARGEST_BYTES = 4 * LARGEST_TEXT  # of a file, whatever the characters
 MOST_JOINTS = 100
@@ -101,9 +116,17 @@ def _joint(row: Fields) -> Joint:
         raise row.refuse('velocity', 'expected a speed above zero')
     a, alpha, d, theta_0 = (row.number(key) for key in ('a', 'alpha', 'd', 'theta_0'))
     return Joint(
-        row.text('name'), a, alpha, d, theta_0, row.number('beta', 0.0), direction,
-        (lower, upper), velocity, _controller(row),
-    )  # fmt: skip
+        row.text('name'),
+        a,
+        alpha,
+        d,
+        theta_0,
+        row.number('beta', 0.0),
+        direction,
+        (lower, upper),
+        velocity,
+        _controller(row),
+    )
 
 
 def parse_probe(text: str, source: str = 'probe description') -> Probe:
@@ -187,13 +210,13 @@ def arm_yaml(arm: Arm) -> str:
             row['velocity'] = joint.velocity
         if joint.controller is not None:
             axis = joint.controller
-            row['controller'] = {
-                'axis': axis.name, 'direction': axis.direction, 'zero': axis.zero
-            }  # fmt: skip
+            row['controller'] = {'axis': axis.name, 'direction': axis.direction, 'zero': axis.zero}
         joints.append(row)
     top: dict[str, Any] = {
-        'name': arm.name, 'base_frame': arm.base_frame, 'flange_frame': arm.flange_frame
-    }  # fmt: skip
+        'name': arm.name,
+        'base_frame': arm.base_frame,
+        'flange_frame': arm.flange_frame,
+    }
     for key in ARM_TRANSFORMS:
         if not getattr(arm, key).is_identity:
             top[key] = _transform_row(getattr(arm, key))
@@ -212,21 +235,27 @@ def probe_yaml(probe: Probe) -> str:
         top['center'] = probe.center.tolist()
     else:
         top['styli'] = [
-            {'origin': list(s.origin), 'direction': list(s.direction),
-             'tip_radius': s.tip_radius, 'stroke': list(s.stroke)}
+            {
+                'origin': list(s.origin),
+                'direction': list(s.direction),
+                'tip_radius': s.tip_radius,
+                'stroke': list(s.stroke),
+            }
             for s in probe.styli
-        ]  # fmt: skip
+        ]
     return yaml_text(top)
 
 
 def gauge_yaml(gauge: Gauge) -> str:
     """The YAML text of a gauge; every number comes back bit for bit."""
-    return yaml_text({
-        'name': gauge.name,
-        'sphere_diameter': gauge.sphere_diameter,
-        'spheres': [{'number': n, 'center': list(center)} for n, center in gauge.spheres],
-        'uncertainty': {'constant': gauge.constant, 'proportional': gauge.proportional},
-    })  # fmt: skip
+    return yaml_text(
+        {
+            'name': gauge.name,
+            'sphere_diameter': gauge.sphere_diameter,
+            'spheres': [{'number': n, 'center': list(center)} for n, center in gauge.spheres],
+            'uncertainty': {'constant': gauge.constant, 'proportional': gauge.proportional},
+        }
+    )
 
 
 class _Dumper(yaml.SafeDumper):

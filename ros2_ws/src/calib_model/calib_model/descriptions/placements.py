@@ -9,8 +9,8 @@ import numpy as np
 import yaml
 
 from calib_model.errors import DescriptionError
-from calib_model.fields import load_mapping
-from calib_model.rotation import RigidTransform
+from calib_model.files import load_mapping
+from calib_model.transforms import RigidTransform
 
 
 def parse_placements(text: str, source: str = 'gauge locations') -> dict[int, RigidTransform]:
@@ -34,9 +34,7 @@ def parse_placements(text: str, source: str = 'gauge locations') -> dict[int, Ri
     return placements
 
 
-def placements_yaml(
-    placements: Mapping[int, RigidTransform], base_frame: str = 'base_link'
-) -> str:
+def placements_yaml(placements: Mapping[int, RigidTransform], base_frame: str = 'base_link') -> str:
     """The YAML text of `T_base_gauge` by location number; every number comes back bit for bit."""
     rows = [
         {

@@ -10,7 +10,7 @@ from typing import Any
 from unicodedata import category
 
 from calib_model.errors import DescriptionError
-from calib_model.plain_yaml import load_plain
+from calib_model.files.safe_yaml import load_plain
 
 MISSING: Any = object()
 
@@ -117,6 +117,10 @@ class Fields:
 
 def _kind(value: Any) -> str:
     names = {
-        dict: 'a mapping', list: 'a list', str: 'text', bool: 'true/false', type(None): 'nothing'
-    }  # fmt: skip
+        dict: 'a mapping',
+        list: 'a list',
+        str: 'text',
+        bool: 'true/false',
+        type(None): 'nothing',
+    }
     return names.get(type(value), f'{value!r:.40}')

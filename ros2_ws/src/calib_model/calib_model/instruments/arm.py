@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from calib_model.arrays import Array, frozen
 from calib_model.errors import DataError
-from calib_model.rotation import Array, RigidTransform, frozen
+from calib_model.transforms import RigidTransform
 
 #: the five geometric parameters of a joint, in the order of the parameter table
 JOINT_PARAMETERS = ('a', 'alpha', 'd', 'theta_0', 'beta')

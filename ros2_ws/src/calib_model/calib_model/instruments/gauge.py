@@ -8,8 +8,8 @@ from itertools import combinations
 
 import numpy as np
 
+from calib_model.arrays import Array, frozen
 from calib_model.errors import DataError
-from calib_model.rotation import Array, frozen
 
 
 @dataclass(frozen=True)

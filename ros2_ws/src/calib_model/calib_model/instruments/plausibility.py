@@ -7,11 +7,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from calib_model.arm import Arm
+from calib_model.arrays import Array
 from calib_model.errors import DataError
-from calib_model.gauge import Gauge
-from calib_model.probe import PassiveProbe, Probe
-from calib_model.rotation import Array, RigidTransform
+from calib_model.instruments.arm import Arm
+from calib_model.instruments.gauge import Gauge
+from calib_model.instruments.probe import PassiveProbe, Probe
+from calib_model.transforms import RigidTransform
 
 FARTHEST = 1e3  # m
 MOST_TURN = 1e3  # rad: degrees and turns written for rad stay below, to be named for what they are
@@ -25,8 +26,11 @@ def refuse_impossible(arm: Arm, probe: Probe, gauge: Gauge, source: str) -> None
     Raises:
         DataError: names the instrument, the quantity and the value.
     """
-    for of, found in ((arm.name, _of_arm(arm)), (probe.name, _of_probe(probe)),
-                      (gauge.name, _of_gauge(gauge))):  # fmt: skip
+    for of, found in (
+        (arm.name, _of_arm(arm)),
+        (probe.name, _of_probe(probe)),
+        (gauge.name, _of_gauge(gauge)),
+    ):
         for name, values, most in found:
             largest = float(np.abs(values).max(initial=0.0))
             if not largest <= most:

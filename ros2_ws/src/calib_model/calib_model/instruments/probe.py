@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from calib_model.arrays import Array, frozen
 from calib_model.errors import ContactError, DataError
-from calib_model.rotation import Array, RigidTransform, frozen
+from calib_model.transforms import RigidTransform
 
 STYLI = 3
 
@@ -160,3 +161,15 @@ def trihedron(
         origin = (rho * direction[0], rho * direction[1], rho * direction[2])
         styli.append(Stylus(origin, direction, tip_radius, stroke))
     return ActiveProbe(name, flange_T_probe, (styli[0], styli[1], styli[2]))
+
+
+def known_centers(probe: Probe, displacement: Array, sphere_diameter: float) -> Array:
+    """`p_probe_sphere` (N, 3), m, of readings (N, 3), m; NaN in the rows that no sphere gives."""
+    try:
+        return probe.centers(displacement, sphere_diameter)
+    except ContactError:
+        if len(displacement) == 1:
+            return np.full((1, 3), np.nan)
+    half = len(displacement) // 2
+    parts = (displacement[:half], displacement[half:])
+    return np.concatenate([known_centers(probe, part, sphere_diameter) for part in parts])

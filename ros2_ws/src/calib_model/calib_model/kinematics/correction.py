@@ -4,20 +4,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from calib_model.arm import Arm
-from calib_model.description import yaml_text
-from calib_model.errors import DataError, DescriptionError
-from calib_model.fields import Fields, load_mapping
-from calib_model.gravity import links_of, links_rows
-from calib_model.joint_errors import JointErrors, JointTerms, harmonic_basis
-from calib_model.kinematics import forward
-from calib_model.rotation import Array, frozen
-
-COORDINATES = ('x', 'y', 'z')
+from calib_model.arrays import Array, frozen
+from calib_model.errors import DataError
+from calib_model.instruments import Arm
+from calib_model.kinematics.forward import forward_kinematics, points
+from calib_model.kinematics.joint_errors import JointErrors, harmonic_basis
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +48,7 @@ class Attitude:
 
     def at(self, arm: Arm, q: Array) -> Array:
         """The shift (N, 3), m, at postures q (N, n), rad."""
-        shift: Array = np.einsum('nab,cab->nc', forward(arm, q)[:, :3, :3], self.values)
+        shift: Array = np.einsum('nab,cab->nc', forward_kinematics(arm, q)[:, :3, :3], self.values)
         return shift
 
 
@@ -114,96 +108,47 @@ class Correction:
         return added
 
 
-def parse_correction(text: str, source: str = 'correction') -> Correction:
-    """A correction from its YAML text.
+@dataclass(frozen=True, eq=False)
+class CorrectedArm:
+    """`arm` as identified with its `correction`; None is the D-H model alone."""
 
-    Raises:
-        DescriptionError: a key is missing, unknown, or has a value of the wrong kind.
-    """
-    top = load_mapping(text, source, ('joints', 'joint_errors', 'repeatability'))
-    names = top.content.get('joints')
-    if not isinstance(names, list) or not names or not all(isinstance(x, str) for x in names):
-        raise top.refuse('joints', "expected the list of the joints' names")
-    joints = tuple(names)
-    errors = turn = shift = attitude = None
-    if 'joint_errors' in top:
-        row = top.mapping('joint_errors', ('encoder', 'compliance', 'load'))
-        errors = _joint_errors(row, joints)
-    if 'repeatability' in top:
-        rows = top.mapping('repeatability', ('turn', 'shift', 'attitude'))
-        if 'turn' in rows:
-            values = _harmonics(rows, 'turn', ('cosine', 'sine'), len(joints))
-            turn = JointErrors(JointTerms(len(values) // 2), values)
-        if 'shift' in rows:
-            keys = tuple(f'{part}_{c}' for part in ('cosine', 'sine') for c in COORDINATES)
-            series = _harmonics(rows, 'shift', keys, len(joints))
-            shift = Shift(series.reshape(-1, 3, len(joints)))
-        if 'attitude' in rows:
-            of = rows.mapping('attitude', COORDINATES)
-            values = np.array([of.numbers(c, 9) for c in COORDINATES])
-            attitude = Attitude(values.reshape(3, 3, 3))
-    if all(part is None for part in (errors, turn, shift, attitude)):
-        raise DescriptionError(source, '', "expected 'joint_errors' or 'repeatability'")
-    return Correction(joints, errors, turn, shift, attitude)
+    arm: Arm
+    correction: Correction | None = None
 
+    def __post_init__(self) -> None:
+        if self.correction is not None:
+            self.correction.checked(self.arm)
 
-def _joint_errors(row: Fields, joints: tuple[str, ...]) -> JointErrors:
-    values, harmonics, links = [], 0, None
-    if 'encoder' in row:
-        encoder = _harmonics(row, 'encoder', ('cosine', 'sine'), len(joints))
-        values.append(encoder)
-        harmonics = len(encoder) // 2
-    if 'compliance' in row:
-        values.append(np.array([row.numbers('compliance', len(joints))]))
-        links = links_of(row.mapping('load', ('gravity', 'links')), joints)
-    if not values:
-        raise DescriptionError(row.source, row.where, "expected 'encoder' or 'compliance'")
-    return JointErrors(JointTerms(harmonics, links), np.concatenate(values))
+    def joints(self, q: Array) -> Array:
+        """Where the joints are (N, n), rad, when the encoders read q (N, n).
 
+        Raises:
+            DataError: `q` has not the arm's number of joints.
+        """
+        if self.correction is None:
+            return self.arm.check_joints(q)
+        return self.correction.joints(self.arm, q)
 
-def _harmonics(top: Fields, key: str, parts: tuple[str, ...], n: int) -> Array:
-    """Rows of one order each, from 1 on, as an array (orders * len(parts), n)."""
-    found = []
-    for order, row in enumerate(top.rows(key, ('order', *parts)), start=1):
-        if row.number('order') != order:
-            raise row.refuse('order', f'expected {order}: the orders from 1 on, in turn')
-        found += [row.numbers(part, n) for part in parts]
-    return np.array(found)
+    def forward(self, q: Array) -> Array:
+        """`T_base_flange` (N, 4, 4) of postures q (N, n) as the encoders read them.
 
+        What eq. 12 shifts was found for the probed point; it moves the flange as it is.
 
-def correction_yaml(correction: Correction) -> str:
-    """The YAML text of a correction; every number comes back bit for bit."""
-    top: dict[str, Any] = {'joints': list(correction.joint_names)}
-    errors = correction.joint_errors
-    if errors is not None:
-        rows: dict[str, Any] = {}
-        if errors.terms.harmonics:
-            rows['encoder'] = _orders(errors.values[: 2 * errors.terms.harmonics], ('',))
-        if errors.terms.links is not None:
-            rows['compliance'] = errors.values[-1].tolist()
-            rows['load'] = links_rows(errors.terms.links, correction.joint_names)
-        top['joint_errors'] = rows
-    found: dict[str, Any] = {}
-    if correction.turn is not None:
-        found['turn'] = _orders(correction.turn.values, ('',))
-    if correction.shift is not None:
-        values = correction.shift.values
-        found['shift'] = _orders(
-            values.reshape(-1, values.shape[-1]), tuple(f'_{c}' for c in COORDINATES)
-        )
-    if correction.attitude is not None:
-        rows_9 = correction.attitude.values.reshape(3, 9).tolist()
-        found['attitude'] = dict(zip(COORDINATES, rows_9, strict=True))
-    if found:
-        top['repeatability'] = found
-    return yaml_text(top)
+        Raises:
+            DataError: `q` has not the arm's number of joints.
+        """
+        T_base_flange = forward_kinematics(self.arm, self.joints(q))
+        if self.correction is not None:
+            T_base_flange[:, :3, 3] += self.correction.shifts(self.arm, q)
+        return T_base_flange
 
+    def points(self, q: Array, p_flange: Array) -> Array:
+        """`p_base` (N, 3) of points `p_flange` (3,) or (N, 3) of the flange, m: eq. 9, corrected.
 
-def _orders(values: Array, endings: tuple[str, ...]) -> list[dict[str, Any]]:
-    """What `_harmonics` reads."""
-    parts = [f'{part}{ending}' for part in ('cosine', 'sine') for ending in endings]
-    rows = []
-    for order, block in enumerate(values.reshape(-1, len(parts), values.shape[-1]), start=1):
-        named = {part: row.tolist() for part, row in zip(parts, block, strict=True)}
-        rows.append({'order': order, **named})
-    return rows
+        Raises:
+            DataError: `q` has not the arm's number of joints.
+        """
+        p_base = points(self.arm, self.joints(q), p_flange)
+        if self.correction is None:
+            return p_base
+        return p_base + self.correction.shifts(self.arm, q)

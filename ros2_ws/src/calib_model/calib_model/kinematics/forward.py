@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.arm import JOINT_PARAMETERS, Arm
-from calib_model.rotation import Array
+from calib_model.arrays import Array
+from calib_model.instruments import JOINT_PARAMETERS, Arm
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def joint_frames(arm: Arm, q: Array) -> Iterator[JointFrame]:
         rotation, origin = rotation_after, origin_after
 
 
-def forward(arm: Arm, q: Array) -> Array:
+def forward_kinematics(arm: Arm, q: Array) -> Array:
     """`T_base_flange` (N, 4, 4) of postures q (N, n): eq. 3 without the probe.
 
     Raises:

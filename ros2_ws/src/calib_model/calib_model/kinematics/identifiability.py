@@ -11,9 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib_model.arm import JOINT_PARAMETERS, Arm
-from calib_model.parameters import ParameterTable
-from calib_model.probe import PassiveProbe, Probe
+from calib_model.instruments import JOINT_PARAMETERS, Arm, PassiveProbe, Probe
+from calib_model.kinematics.parameters import ParameterTable
 
 #: axes closer to parallel than this (rad) take Hayati's beta in place of d
 NEARLY_PARALLEL = 0.05

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.arm import JOINT_PARAMETERS, Arm
-from calib_model.kinematics import joint_frames, point_derivatives
-from calib_model.probe import Probe
-from calib_model.rotation import Array, RigidTransform, left_jacobian, skew
+from calib_model.arrays import Array
+from calib_model.instruments import JOINT_PARAMETERS, Arm, Probe
+from calib_model.kinematics.forward import joint_frames, point_derivatives
+from calib_model.transforms import RigidTransform, left_jacobian, skew
 
 
 def probing_jacobian(

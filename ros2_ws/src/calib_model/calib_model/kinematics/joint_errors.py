@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.arm import Arm
-from calib_model.gravity import Links, gravity_torques
-from calib_model.rotation import Array, frozen
+from calib_model.arrays import Array, frozen
+from calib_model.instruments import Arm
+from calib_model.kinematics.gravity import Links, gravity_torques
 
 #: an eccentric disc errs once per turn, an oval one or two read heads twice
 ENCODER_HARMONICS = 2

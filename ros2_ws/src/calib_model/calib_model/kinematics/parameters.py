@@ -10,11 +10,11 @@ from fnmatch import fnmatchcase
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.arm import JOINT_PARAMETERS, Arm
+from calib_model.arrays import Array, frozen
 from calib_model.errors import DataError
-from calib_model.joint_errors import JointErrors, JointTerms
-from calib_model.probe import Probe
-from calib_model.rotation import Array, RigidTransform, frozen
+from calib_model.instruments import JOINT_PARAMETERS, Arm, Probe
+from calib_model.kinematics.joint_errors import JointErrors, JointTerms
+from calib_model.transforms import RigidTransform
 
 PROBE_PARAMETERS = ('probe_x', 'probe_y', 'probe_z', 'probe_rx', 'probe_ry', 'probe_rz')
 LENGTHS = ('a', 'd')

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.gauge import Gauge
-from calib_model.rotation import Array, nearest_rotation
+from calib_model.arrays import Array
+from calib_model.instruments import Gauge
+from calib_model.transforms import nearest_rotation
 
 MOST = 5000  # matches that are followed up: a plate of many equal squares has more than enough
 

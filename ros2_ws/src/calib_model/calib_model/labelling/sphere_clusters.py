@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calib_model.certificate_match import Certificate
-from calib_model.rotation import Array
+from calib_model.arrays import Array
+from calib_model.labelling.certificate_match import Certificate
 
 NEAR = 0.010  # m: how far an arm not yet calibrated may see one sphere from itself
 

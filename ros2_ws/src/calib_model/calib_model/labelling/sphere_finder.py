@@ -8,12 +8,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.arm import Arm
-from calib_model.gauge import Gauge
+from calib_model.arrays import Array
+from calib_model.instruments import Arm, Gauge, Probe, known_centers
 from calib_model.kinematics import points
-from calib_model.probe import Probe
-from calib_model.rotation import Array, RigidTransform
-from calib_model.sphere_center import known_centers
+from calib_model.transforms import RigidTransform
 
 NEAR = 0.010  # m: how far off a sphere's nominal centre an arm not yet calibrated may see it
 NOWHERE, UNTOUCHED = -1, -2  # instead of a sphere's row
@@ -26,15 +24,19 @@ class SphereFinder:
     """
 
     def __init__(
-        self, arm: Arm, probe: Probe, gauge: Gauge, placements: Mapping[int, RigidTransform],
+        self,
+        arm: Arm,
+        probe: Probe,
+        gauge: Gauge,
+        placements: Mapping[int, RigidTransform],
         numbers: Sequence[int] = (),
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._arm, self._probe, self._gauge = arm, probe, gauge
         chosen = tuple(numbers) or gauge.numbers
         self.labels = [(location, number) for location in placements for number in chosen]
-        self._centers = np.array([
-            placements[location].apply(gauge.center(number)) for location, number in self.labels
-        ]).reshape(-1, 3)  # fmt: skip
+        self._centers = np.array(
+            [placements[location].apply(gauge.center(number)) for location, number in self.labels]
+        ).reshape(-1, 3)
 
     def rows(self, joints: Array, displacement: Array) -> NDArray[np.int64]:
         """Rows (N,) in `labels` of what was probed in postures (N, n) at readings (N, 3).

@@ -14,9 +14,9 @@ from itertools import combinations
 
 import numpy as np
 
-from calib_model.certificate_match import Certificate, Match
-from calib_model.rotation import Array
-from calib_model.sphere_visits import SeenLocation
+from calib_model.arrays import Array
+from calib_model.labelling.certificate_match import Certificate, Match
+from calib_model.labelling.sphere_clusters import SeenLocation
 
 AS_GOOD = 0.001  # m: matches worse by less than this are as good to an arm not yet calibrated
 CLEARLY = 9.0  # squares of standard uncertainties between the best numbers and the next
@@ -92,12 +92,11 @@ def numbered(locations: Sequence[SeenLocation], certificate: Certificate, near: 
     options = []
     for location in locations:
         matches = certificate.matches(location.centers, near)
-        options.append(
-            tuple(match for match in matches if match.off <= matches[0].off + AS_GOOD)
-        )
+        options.append(tuple(match for match in matches if match.off <= matches[0].off + AS_GOOD))
     most = max(len(location.places) for location in locations)
-    widest = [each for each, seen in zip(options, locations, strict=True)
-              if len(seen.places) == most]  # fmt: skip
+    widest = [
+        each for each, seen in zip(options, locations, strict=True) if len(seen.places) == most
+    ]
     schemes = {frozenset(match.numbers) for matches in widest for match in matches}
 
     def effort(scheme: Scheme) -> tuple[int, int, tuple[int, ...]]:
@@ -108,17 +107,17 @@ def numbered(locations: Sequence[SeenLocation], certificate: Certificate, near: 
     fewest = effort(ranked[0])[0]
     ranked = [scheme for scheme in ranked if effort(scheme)[0] == fewest]
     within = [_within(matches, ranked[0]) for matches in options]
-    chosen = tuple(
-        min(matches, key=lambda match: _effort(match, ranked[0])) for matches in within
-    )
+    chosen = tuple(min(matches, key=lambda match: _effort(match, ranked[0])) for matches in within)
     unsure = sum(len(matches) > 1 for matches in within)
     return Numbering(tuple(options), chosen, tuple(ranked), unsure)
 
 
 def renumbered(
-    numbering: Numbering, certificate: Certificate,
-    seen: Sequence[Array], variance: Sequence[Array],
-) -> Numbering:  # fmt: skip
+    numbering: Numbering,
+    certificate: Certificate,
+    seen: Sequence[Array],
+    variance: Sequence[Array],
+) -> Numbering:
     """The numbers that an identified arm's distances tell, where they tell them clearly.
 
     `seen` (k, 3) are each location's centres in the order of its match, m, with NaN where nothing
@@ -152,9 +151,7 @@ def renumbered(
         others = [min(_within(tuple(one), ranked[1]), key=lambda m: one[m]) for one in misfit]
         rms, next_rms = (_rms(matches, certificate, seen) for matches in (chosen, others))
         told = Told(rms, ranked[1], next_rms, clear)
-    return replace(
-        numbering, chosen=tuple(chosen), schemes=tuple(ranked), unsure=unsure, told=told
-    )  # fmt: skip
+    return replace(numbering, chosen=tuple(chosen), schemes=tuple(ranked), unsure=unsure, told=told)
 
 
 def _within(matches: tuple[Match, ...], scheme: Scheme) -> tuple[Match, ...]:
@@ -182,9 +179,7 @@ def _misfit(match: Match, certificate: Certificate, centers: Array, variance: Ar
     return total
 
 
-def _rms(
-    matches: Sequence[Match], certificate: Certificate, seen: Sequence[Array]
-) -> float:
+def _rms(matches: Sequence[Match], certificate: Certificate, seen: Sequence[Array]) -> float:
     errors = [
         float(np.linalg.norm(centers[i] - centers[j]))
         - certificate.gauge.distance(match.numbers[i], match.numbers[j])

@@ -9,22 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from calib_model.arm import Arm
-from calib_model.bag_files import listed_topics
-from calib_model.bag_reader import Told, read_note
-from calib_model.certificate_match import Certificate
+from calib_model.arrays import Array
+from calib_model.bags import Told, listed_topics, read_note
 from calib_model.errors import BagError, ContactError, DataError
-from calib_model.gauge import Gauge
+from calib_model.instruments import Arm, Gauge, Probe
 from calib_model.kinematics import points
-from calib_model.pairing import SteadyPose
-from calib_model.pairing_note import NOTE, settings_of
-from calib_model.probe import Probe
-from calib_model.probing import Measurement, ProbingSet
-from calib_model.raw_pairing import pair_streams
-from calib_model.raw_streams import RawTopics, read_raw
-from calib_model.rotation import Array
-from calib_model.sphere_numbering import Numbering, numbered
-from calib_model.sphere_visits import Grouped, Grouping, SeenLocation
+from calib_model.labelling.certificate_match import Certificate
+from calib_model.labelling.sphere_clusters import Grouped, Grouping, SeenLocation
+from calib_model.labelling.sphere_numbering import Numbering, numbered
+from calib_model.measurement import Measurement, ProbingSet
+from calib_model.pairing import NOTE, RawTopics, SteadyPose, pair_streams, read_raw, settings_of
 from calib_model.topics import ARM_DESCRIPTION, GAUGE_DESCRIPTION, PROBE_DESCRIPTION
 
 MOST_STRAYS = 5  # that are told one by one
@@ -96,8 +90,9 @@ def sort_bag(
     paired = pair_streams(streams, settings, choice.standing)
     lines = [
         f'{path}: {len(streams.joints)} joint states and {len(streams.displacement)} readings in '
-        f'{streams.seconds:.0f} s', *paired.lines(),
-    ]  # fmt: skip
+        f'{streams.seconds:.0f} s',
+        *paired.lines(),
+    ]
     if streams.unordered:
         lines.append(f'{streams.unordered} messages with stamps that came twice left out')
     poses, p_base, unusable = _seen(arm, probe, gauge, paired.poses)
@@ -114,20 +109,20 @@ def sort_bag(
     if not grouped.locations:
         raise DataError(f'{path}: {_nothing(grouped)}')
     measured = Measurement(arm, probe, gauge, _by_place(poses, grouped), str(path))
-    return Sorted(
-        measured, tuple(grouped.locations), certificate, grouping.near, tuple(lines)
-    )  # fmt: skip
+    return Sorted(measured, tuple(grouped.locations), certificate, grouping.near, tuple(lines))
 
 
-def _refuse_undescribed(
-    path: str | Path, given: Instruments, there: Container[str]
-) -> None:
+def _refuse_undescribed(path: str | Path, given: Instruments, there: Container[str]) -> None:
     wanted = (
-        ('arm', given.arm, ARM_DESCRIPTION), ('probe', given.probe, PROBE_DESCRIPTION),
+        ('arm', given.arm, ARM_DESCRIPTION),
+        ('probe', given.probe, PROBE_DESCRIPTION),
         ('gauge', given.gauge, GAUGE_DESCRIPTION),
-    )  # fmt: skip
-    missing = [(name, topic.name) for name, known, topic in wanted
-               if known is None and topic.name not in there]  # fmt: skip
+    )
+    missing = [
+        (name, topic.name)
+        for name, known, topic in wanted
+        if known is None and topic.name not in there
+    ]
     if missing:
         topics = ', '.join(topic for _, topic in missing)
         options = ' '.join(f'--{name} {name}.yaml' for name, _ in missing)
@@ -203,10 +198,12 @@ def with_numbers(part: Sorted, numbers: Sequence[tuple[int, ...]]) -> Measuremen
     """The measurement of a bag whose locations' places have these numbers of the certificate."""
     poses = part.measured.poses
     sphere = np.array(
-        [numbers[location - 1][place - 1]
-         for location, place in zip(poses.location, poses.sphere, strict=True)],
+        [
+            numbers[location - 1][place - 1]
+            for location, place in zip(poses.location, poses.sphere, strict=True)
+        ],
         dtype=np.int64,
-    )  # fmt: skip
+    )
     relabelled = ProbingSet(
         poses.location, sphere, poses.joints, poses.displacement, poses.stamp, poses.readings
     )

@@ -16,7 +16,6 @@ from rcl_interfaces.msg import (
 )
 from rclpy.parameter import Parameter
 
-from calib_model.bounds import number_within
 from calib_model.errors import ParameterError
 
 Check = Callable[[Any], Any]
@@ -41,22 +40,29 @@ class Parameters:
 
     def text(self, name: str, default: str, about: str, changed: Changed | None = None) -> str:
         """A text."""
-        return str(self._declared(name, default, ParameterDescriptor(description=about),
-                                  str, changed))  # fmt: skip
+        return str(
+            self._declared(name, default, ParameterDescriptor(description=about), str, changed)
+        )
 
     def number(
-        self, name: str, default: float, about: str, least: float, most: float,
+        self,
+        name: str,
+        default: float,
+        about: str,
+        least: float,
+        most: float,
         changed: Changed | None = None,
-    ) -> float:  # fmt: skip
+    ) -> float:
         """A number within bounds; `rate:=200` is one, though ROS tells it from 200.0.
 
         Raises:
             ParameterError: what was given is none.
         """
         descriptor = ParameterDescriptor(
-            description=about, dynamic_typing=True,
+            description=about,
+            dynamic_typing=True,
             floating_point_range=[FloatingPointRange(from_value=least, to_value=most)],
-        )  # fmt: skip
+        )
 
         def check(value: Any) -> float:
             return number_within(name, value, least, most)
@@ -64,9 +70,14 @@ class Parameters:
         return float(self._declared(name, default, descriptor, check, changed))
 
     def whole(
-        self, name: str, default: int, about: str, least: int, most: int,
+        self,
+        name: str,
+        default: int,
+        about: str,
+        least: int,
+        most: int,
         changed: Changed | None = None,
-    ) -> int:  # fmt: skip
+    ) -> int:
         """A whole number within bounds.
 
         Raises:
@@ -83,8 +94,9 @@ class Parameters:
 
     def flag(self, name: str, default: bool, about: str, changed: Changed | None = None) -> bool:
         """Yes or no."""
-        return bool(self._declared(name, default, ParameterDescriptor(description=about),
-                                   bool, changed))  # fmt: skip
+        return bool(
+            self._declared(name, default, ParameterDescriptor(description=about), bool, changed)
+        )
 
     def wholes(self, name: str, about: str, changed: Changed | None = None) -> tuple[int, ...]:
         """Whole numbers; none where nothing is given."""
@@ -106,9 +118,13 @@ class Parameters:
         return tuple(str(text) for text in given if text)
 
     def _declared(
-        self, name: str, default: Any, descriptor: ParameterDescriptor, check: Check,
+        self,
+        name: str,
+        default: Any,
+        descriptor: ParameterDescriptor,
+        check: Check,
         changed: Changed | None,
-    ) -> Any:  # fmt: skip
+    ) -> Any:
         descriptor.read_only = changed is None
         if descriptor.floating_point_range or descriptor.integer_range:
             value = self._ranged(name, default, descriptor, check)
@@ -154,9 +170,10 @@ def warn_of_unknown(node: Any) -> None:
     # rclpy has no public word for what was given and not declared
     given = getattr(node, '_parameter_overrides', {})
     unknown = [
-        name for name in sorted(given)
+        name
+        for name in sorted(given)
         if not node.has_parameter(name) and not name.startswith(OF_ROS)
-    ]  # fmt: skip
+    ]
     if unknown:
         known = sorted(node.get_parameters_by_prefix(''))
         node.get_logger().warning(_unknown_line(unknown, known))
@@ -246,3 +263,17 @@ def _about(descriptor: ParameterDescriptor) -> str:
     if not descriptor.read_only:
         about += '; may be set while the node runs'
     return textwrap.fill(about, 100, initial_indent='      ', subsequent_indent='      ')
+
+
+def number_within(name: str, value: object, least: float, most: float) -> float:
+    """A parameter's number.
+
+    Raises:
+        ParameterError: no number, or not from `least` to `most`.
+    """
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not isinstance(value, int | float) or not number or not least <= value <= most:
+        raise ParameterError(
+            f"parameter '{name}': expected a number from {least:g} to {most:g}, got {value!r}"
+        )
+    return float(value)

@@ -17,14 +17,11 @@ from heapq import merge
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.arm import Arm
-from calib_model.gauge import Gauge
-from calib_model.jacobian import probing_jacobian
-from calib_model.kinematics import points
-from calib_model.pairing import SECOND, JointSample, Reading, usable
-from calib_model.probe import Probe
-from calib_model.rotation import Array
-from calib_model.sphere_center import known_centers
+from calib_model.arrays import Array
+from calib_model.instruments import Arm, Gauge, Probe, known_centers
+from calib_model.kinematics import points, probing_jacobian
+from calib_model.pairing.stop_and_go import JointSample, Reading, usable
+from calib_model.stamps import SECOND
 
 FINE = 0.02  # s between joint states up to which the arm's way between them is known
 APART = 0.1  # s between readings that belong to one contact
@@ -229,10 +226,13 @@ class ClockEstimate:
         return _Sums(len(at), int(moving.sum()), rows.T @ rows)
 
 
-def clock_offset(
-    arm: Arm, probe: Probe, gauge: Gauge,
-    joints: Sequence[JointSample], readings: Sequence[Reading],
-) -> ClockOffset | None:  # fmt: skip
+def estimate_clock_offset(
+    arm: Arm,
+    probe: Probe,
+    gauge: Gauge,
+    joints: Sequence[JointSample],
+    readings: Sequence[Reading],
+) -> ClockOffset | None:
     """The offset, None where the streams do not tell: no motion in contact, or too little."""
     estimate = ClockEstimate(arm, probe, gauge)
     for message in _in_time(joints, readings):

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.pairing import (
-    SECOND,
+from calib_model.arrays import Array, frozen
+from calib_model.pairing.stop_and_go import (
     JointSample,
     Outcome,
     Pairing,
@@ -20,8 +20,8 @@ from calib_model.pairing import (
     SteadyPose,
     SteadySettings,
 )
-from calib_model.raw_streams import RawStreams
-from calib_model.rotation import Array, frozen
+from calib_model.pairing.streams import RawStreams
+from calib_model.stamps import SECOND
 
 APART = 0.1  # s between readings that belong to one contact
 SEATED = 0.05  # s at both ends of a contact in which the sphere may not sit yet
@@ -176,9 +176,7 @@ def _thinned(t: NDArray[np.int64], rows: NDArray[np.int64]) -> NDArray[np.int64]
     return rows[np.unique(slot, return_index=True)[1]]
 
 
-def _held(
-    streams: RawStreams, contact: _Contact, settings: SteadySettings
-) -> SteadyPose | None:
+def _held(streams: RawStreams, contact: _Contact, settings: SteadySettings) -> SteadyPose | None:
     """The mean of the longest stretch of a contact in which the arm stands and the styli rest."""
     if contact.way[-1] > PER_STOP:
         return None
@@ -209,16 +207,16 @@ def _led(streams: RawStreams, contact: _Contact) -> list[SteadyPose]:
     which = np.unique(contact.way // spacing, return_index=True)[1]
     return [
         SteadyPose(
-            int(streams.reading_stamp[contact.rows[i]]), frozen(contact.joints[i]),
-            frozen(streams.displacement[contact.rows[i]]), 1,
+            int(streams.reading_stamp[contact.rows[i]]),
+            frozen(contact.joints[i]),
+            frozen(streams.displacement[contact.rows[i]]),
+            1,
         )
         for i in which
-    ]  # fmt: skip
+    ]
 
 
-def _joints_at(
-    streams: RawStreams, stamps: NDArray[np.int64]
-) -> tuple[NDArray[np.bool_], Array]:
+def _joints_at(streams: RawStreams, stamps: NDArray[np.int64]) -> tuple[NDArray[np.bool_], Array]:
     """The joints (K, n) at stamps (K,), and at which of them they are known.
 
     Cubic through the two joint states on either side (Lagrange): an arm in motion accelerates, and

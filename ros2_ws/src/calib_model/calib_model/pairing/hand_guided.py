@@ -15,8 +15,9 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from calib_model.pairing import (
-    SECOND,
+from calib_model.arrays import Array
+from calib_model.pairing.from_streams import SEATED, SPACING
+from calib_model.pairing.stop_and_go import (
     STEP_BACK,
     JointSample,
     Reading,
@@ -24,8 +25,7 @@ from calib_model.pairing import (
     joints_at,
     objection,
 )
-from calib_model.raw_pairing import SEATED, SPACING
-from calib_model.rotation import Array
+from calib_model.stamps import SECOND
 
 LONGEST_WAIT = 60 * SECOND  # ns that one stream waits for the other
 STEP = SECOND // 10_000  # ns to which gaps between joint states are counted

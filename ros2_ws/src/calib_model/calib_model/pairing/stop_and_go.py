@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calib_model.rotation import Array, frozen
+from calib_model.arrays import Array, frozen
+from calib_model.stamps import SECOND
 
-SECOND = 1_000_000_000
 LARGEST = 1e6  # m or rad: no sensor gives more, and with more products overflow
 STEP_BACK = SECOND  # ns by which stamps fall when a clock was set back or a driver started anew
 

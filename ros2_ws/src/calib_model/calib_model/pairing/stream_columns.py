@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model import cdr
-from calib_model.rotation import Array
+from calib_model.arrays import Array
+from calib_model.bags import cdr
+from calib_model.stamps import SECOND
 from calib_model.topics import DISPLACEMENTS, JOINT_STATE
 
 HEADER = 4  # bytes of the CDR header, from behind which alignment counts
 STRINGS = 12  # offset of the frame's length, behind CDR header and stamp
-SECOND = 1_000_000_000
 MOST_NAMES = 1000  # joints of all the arms in one message
 LONGEST_NAME = 1000  # bytes
 MOST_LAYOUTS = 1000  # each is looked for in all messages

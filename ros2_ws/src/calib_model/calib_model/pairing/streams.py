@@ -11,13 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.bag_descriptions import BagDescriptions
-from calib_model.bag_files import listed_topics
-from calib_model.bag_reader import Told, read_messages
+from calib_model.arrays import Array
+from calib_model.bags import BagDescriptions, Told, listed_topics, read_messages
 from calib_model.errors import BagError
-from calib_model.pairing import LARGEST
-from calib_model.raw_block import (
-    SECOND,
+from calib_model.pairing.stop_and_go import LARGEST
+from calib_model.pairing.stream_columns import (
     JointBlock,
     ReadingBlock,
     Rows,
@@ -25,7 +23,7 @@ from calib_model.raw_block import (
     little_endian,
     reading_blocks,
 )
-from calib_model.rotation import Array
+from calib_model.stamps import SECOND
 from calib_model.topics import (
     DESCRIPTIONS,
     DISPLACEMENTS,
@@ -105,10 +103,14 @@ class RawBag:
         readings = np.concatenate([block.displacement for block in self._readings])[read_order]
         number = (np.abs(readings) <= LARGEST).all(axis=1)
         found = RawStreams(
-            joint_stamp, q[finite][order], read_stamp, np.where(number[:, None], readings, np.nan),
+            joint_stamp,
+            q[finite][order],
+            read_stamp,
+            np.where(number[:, None], readings, np.nan),
             np.concatenate([block.status for block in self._readings])[read_order],
-            everything - int(finite.sum()), int(unordered) - len(read_order),
-        )  # fmt: skip
+            everything - int(finite.sum()),
+            int(unordered) - len(read_order),
+        )
         self._refuse_apart(found)
         return found
 
@@ -156,9 +158,13 @@ class _Block:
     """Messages of one topic on their way to arrays."""
 
     def __init__(
-        self, path: Path, topic: str, kind: str, decode: Callable[[Sequence[bytes]], Any],
+        self,
+        path: Path,
+        topic: str,
+        kind: str,
+        decode: Callable[[Sequence[bytes]], Any],
         into: list[Any],
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.path, self.topic, self.kind = path, topic, kind
         self._decode, self._into = decode, into
         self._waiting: list[bytes] = []
@@ -192,10 +198,13 @@ def read_raw(path: str | Path, topics: RawTopics, told: Told | None = None) -> R
             path, topics.joint_states, JOINT_STATE, lambda m: list(joint_blocks(m)), bag._joints
         ),
         topics.displacements: _Block(
-            path, topics.displacements, DISPLACEMENTS, lambda m: list(reading_blocks(m)),
+            path,
+            topics.displacements,
+            DISPLACEMENTS,
+            lambda m: list(reading_blocks(m)),
             bag._readings,
         ),
-    }  # fmt: skip
+    }
     wanted = {*blocks, *(topic.name for topic in DESCRIPTIONS)}
     for message in read_messages(path, wanted, told=told):
         block = blocks.get(message.topic)

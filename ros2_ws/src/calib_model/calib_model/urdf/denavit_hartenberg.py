@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.arm import Arm, Joint
-from calib_model.freedom import NEARLY_PARALLEL
-from calib_model.rotation import Array, RigidTransform, rotation_matrix
-from calib_model.serial_chain import SerialChain
+from calib_model.arrays import Array
+from calib_model.instruments import Arm, Joint
+from calib_model.kinematics import NEARLY_PARALLEL
+from calib_model.transforms import RigidTransform, rotation_matrix
+from calib_model.urdf.serial_chain import SerialChain
 
 #: rad: an angle nearer than this to a right one is meant to be it; URDFs say 1.57079632679
 ROUNDING = 1e-11
@@ -151,8 +152,9 @@ def _rounded(transform: RigidTransform) -> RigidTransform:
     """Without what rounding left; a turn by a round angle about an axis of the frame is kept so."""
     translation = [_round_length(value) for value in transform.translation]
     turn = transform.rotation_vector
-    turn = np.array([_round_angle(value) if _alone(turn, i) else value
-                     for i, value in enumerate(turn)])  # fmt: skip
+    turn = np.array(
+        [_round_angle(value) if _alone(turn, i) else value for i, value in enumerate(turn)]
+    )
     turn[np.abs(turn) < ROUNDING] = 0.0
     return RigidTransform(np.array(translation), turn)
 

@@ -7,8 +7,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from calib_model.arm import Arm, Joint
-from calib_model.rotation import Array, RigidTransform, rotation_matrix
+from calib_model.arrays import Array
+from calib_model.instruments import Arm, Joint
+from calib_model.transforms import RigidTransform, rotation_matrix
 
 # what a joint without limits gets: readers that count joints by `revolute` keep one number each
 FAR = 4 * np.pi
@@ -35,12 +36,13 @@ def arm_urdf(arm: Arm, radius: float = 0.03) -> str:
         ElementTree.SubElement(element, 'axis', xyz=f'0 0 {joint.direction}')
         lower, upper = joint.limits
         ElementTree.SubElement(
-            element, 'limit',
+            element,
+            'limit',
             lower=number_text([lower if np.isfinite(lower) else -FAR]),
             upper=number_text([upper if np.isfinite(upper) else FAR]),
             velocity=number_text([joint.velocity if np.isfinite(joint.velocity) else FAST]),
             effort=number_text([EFFORT]),
-        )  # fmt: skip
+        )
     mount = _unused(f'{arm.flange_frame}_mount', arm.joint_names)
     _joint(robot, mount, 'fixed', links[-2], links[-1], offsets[-1])
     ElementTree.indent(robot)

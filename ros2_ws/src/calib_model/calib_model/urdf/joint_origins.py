@@ -10,9 +10,9 @@ from xml.parsers import expat
 
 import numpy as np
 
+from calib_model.arrays import Array
 from calib_model.errors import DescriptionError
-from calib_model.rotation import Array
-from calib_model.urdf import number_text, rpy
+from calib_model.urdf.export_arm import number_text, rpy
 
 DUST = 1e-15  # m and rad: left by rounding
 QUOTED = rb'"[^"]*"|\'[^\']*\''
@@ -78,9 +78,7 @@ def _places(text: bytes, source: str) -> dict[str, _Place]:
 def _edit(text: bytes, place: _Place, origin: Array) -> tuple[int, int, bytes]:
     """What to put in place of text[begin:end]."""
     parts = (origin[:3, 3], rpy(origin[:3, :3]))
-    xyz, turn = (
-        number_text(np.where(np.abs(part) < DUST, 0.0, part)).encode() for part in parts
-    )  # fmt: skip
+    xyz, turn = (number_text(np.where(np.abs(part) < DUST, 0.0, part)).encode() for part in parts)
     if place.origin is None:
         begin = place.joint + len(_tag(text, place.joint))
         space = re.compile(rb'\s*').match(text, begin)

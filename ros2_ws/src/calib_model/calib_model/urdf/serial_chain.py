@@ -8,8 +8,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from calib_model.arrays import Array
 from calib_model.errors import DescriptionError
-from calib_model.rotation import Array, rotation_matrix
+from calib_model.transforms import rotation_matrix
 
 TURNING = ('revolute', 'continuous')
 MOST_NAMES = 12  # listed in an error
@@ -120,9 +121,7 @@ def _robot(text: str | bytes, source: str) -> ElementTree.Element:
     return robot
 
 
-def _parents(
-    robot: ElementTree.Element, source: str
-) -> dict[str, tuple[str, ElementTree.Element]]:
+def _parents(robot: ElementTree.Element, source: str) -> dict[str, tuple[str, ElementTree.Element]]:
     """Parent link and joint by child link."""
     found: dict[str, tuple[str, ElementTree.Element]] = {}
     for joint in robot.findall('joint'):
@@ -187,9 +186,13 @@ def _triple(row: ElementTree.Element, key: str, joint: ElementTree.Element, sour
 
 
 def _numbers(
-    row: ElementTree.Element, key: str, count: int, default: str, joint: ElementTree.Element,
+    row: ElementTree.Element,
+    key: str,
+    count: int,
+    default: str,
+    joint: ElementTree.Element,
     source: str,
-) -> Array:  # fmt: skip
+) -> Array:
     text = row.get(key, default)
     try:
         numbers = np.array([float(part) for part in text.split()])

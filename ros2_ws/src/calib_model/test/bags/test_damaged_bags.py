@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib_model import cdr
-from calib_model.bag import read_measurement, write_descriptions
-from calib_model.bag_reader import MAGIC, read_messages
-from calib_model.bag_writer import BagWriter
+from calib_model.bags import cdr
+from calib_model.bags.measurement import read_measurement, write_descriptions
+from calib_model.bags.reader import MAGIC, read_messages
+from calib_model.bags.writer import BagWriter
 from calib_model.errors import BagError, CalibrationError
-from calib_model.probing import Measurement
+from calib_model.measurement import Measurement
 from calib_model.topics import CAPTURE_POSES
 
 
@@ -27,9 +27,14 @@ def bag(measured: Measurement, tmp_path_factory: pytest.TempPathFactory) -> byte
         writer.flush()
         for i in range(len(poses)):
             pose = cdr.probing_pose(
-                int(poses.stamp[i]), 'base_link', int(poses.location[i]), int(poses.sphere[i]),
-                poses.joints[i], poses.displacement[i], int(poses.readings[i]),
-            )  # fmt: skip
+                int(poses.stamp[i]),
+                'base_link',
+                int(poses.location[i]),
+                int(poses.sphere[i]),
+                poses.joints[i],
+                poses.displacement[i],
+                int(poses.readings[i]),
+            )
             writer.write_message(CAPTURE_POSES, pose, int(poses.stamp[i]))
             writer.flush()
     return (path / 'bag_0.mcap').read_bytes()

@@ -7,13 +7,13 @@ import pytest
 import yaml
 from mcap.reader import make_reader
 
-from calib_model import cdr
-from calib_model.bag import read_measurement, write_descriptions, write_measurement
-from calib_model.bag_reader import read_messages
-from calib_model.bag_writer import BagWriter
-from calib_model.description import gauge_yaml
+from calib_model.bags import cdr
+from calib_model.bags.measurement import read_measurement, write_descriptions, write_measurement
+from calib_model.bags.reader import read_messages
+from calib_model.bags.writer import BagWriter
+from calib_model.descriptions import gauge_yaml
 from calib_model.errors import BagError, DataError, DescriptionError
-from calib_model.probing import Measurement
+from calib_model.measurement import Measurement
 from calib_model.topics import (
     ARM_DESCRIPTION,
     CAPTURE_POSES,
@@ -170,8 +170,10 @@ def test_a_description_that_changes_within_a_bag_is_refused(
     other = replace(measured.gauge, sphere_diameter=0.0221)
     text = gauge_yaml(measured.gauge)
     for name, said in (
-        ('same', text), ('in other words', f'# as before\n{text}'), ('other', gauge_yaml(other))
-    ):  # fmt: skip
+        ('same', text),
+        ('in other words', f'# as before\n{text}'),
+        ('other', gauge_yaml(other)),
+    ):
         with described(tmp_path / name, measured) as bag:
             bag.write_message(CAPTURE_POSES, pose, 5)
             bag.write_message(GAUGE_DESCRIPTION, cdr.string(said), 6)

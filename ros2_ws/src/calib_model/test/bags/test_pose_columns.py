@@ -5,11 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from calib_model import cdr
-from calib_model.pose_block import decode_poses
+from calib_model.bags import cdr
+from calib_model.bags.pose_columns import decode_poses
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 

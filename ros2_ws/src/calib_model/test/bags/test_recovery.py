@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from calib_model import cdr
-from calib_model.bag import write_descriptions
-from calib_model.bag_reader import BagMessage, read_messages
-from calib_model.bag_recovery import recover, repair
-from calib_model.bag_writer import BagWriter
+from calib_model.bags import cdr
+from calib_model.bags.measurement import write_descriptions
+from calib_model.bags.reader import BagMessage, read_messages
+from calib_model.bags.recovery import recover, repair
+from calib_model.bags.writer import BagWriter
 from calib_model.errors import BagError
-from calib_model.probing import Measurement
+from calib_model.measurement import Measurement
 from calib_model.topics import CAPTURE_POSES
 
 pytestmark = pytest.mark.timeout(60)
@@ -28,9 +28,14 @@ def whole(measured: Measurement, tmp_path_factory: pytest.TempPathFactory) -> Pa
         writer.flush()
         for i in range(len(poses)):
             pose = cdr.probing_pose(
-                int(poses.stamp[i]), 'base_link', int(poses.location[i]), int(poses.sphere[i]),
-                poses.joints[i], poses.displacement[i], int(poses.readings[i]),
-            )  # fmt: skip
+                int(poses.stamp[i]),
+                'base_link',
+                int(poses.location[i]),
+                int(poses.sphere[i]),
+                poses.joints[i],
+                poses.displacement[i],
+                int(poses.readings[i]),
+            )
             writer.write_message(CAPTURE_POSES, pose, int(poses.stamp[i]))
             writer.flush()
     return path

@@ -5,11 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from calib_model.arm import Arm, ControllerAxis, Joint
-from calib_model.description import (
+from calib_model.descriptions.instruments import (
     arm_yaml,
     gauge_yaml,
     parse_arm,
@@ -18,11 +16,18 @@ from calib_model.description import (
     probe_yaml,
     read_description,
 )
+from calib_model.descriptions.placements import parse_placements
 from calib_model.errors import DescriptionError
-from calib_model.gauge import Gauge
-from calib_model.placement import parse_placements
-from calib_model.probe import ActiveProbe, PassiveProbe, Stylus
-from calib_model.rotation import RigidTransform
+from calib_model.instruments import (
+    ActiveProbe,
+    Arm,
+    ControllerAxis,
+    Gauge,
+    Joint,
+    PassiveProbe,
+    Stylus,
+)
+from calib_model.transforms import RigidTransform
 
 NUMBER = st.floats(allow_nan=False, allow_infinity=False)
 TRIPLE = st.tuples(NUMBER, NUMBER, NUMBER)
@@ -192,11 +197,31 @@ def test_errors_name_the_source_the_place_and_what_is_due(
 @pytest.mark.parametrize('parse', [parse_arm, parse_probe, parse_gauge, parse_placements])
 @pytest.mark.parametrize(
     'text',
-    ['', '3', '[]', 'null', 'a: b: c', '\x00', '{' * 5000, '- ' * 5000, '2020-13-45: 1', '? [1]',
-     '!!python/object/apply:os.system [true]', 'x' * 5_000_000, '<<: 3', '"\\ud800": 1', '? {a: b}',
-     'name: 2020-99-99', 'name: !!binary "@"', 'name: !!timestamp x', 'name: !!int x',
-     'name: !!bool x', 'name: !!int ""', '1: 2'],
-)  # fmt: skip
+    [
+        '',
+        '3',
+        '[]',
+        'null',
+        'a: b: c',
+        '\x00',
+        '{' * 5000,
+        '- ' * 5000,
+        '2020-13-45: 1',
+        '? [1]',
+        '!!python/object/apply:os.system [true]',
+        'x' * 5_000_000,
+        '<<: 3',
+        '"\\ud800": 1',
+        '? {a: b}',
+        'name: 2020-99-99',
+        'name: !!binary "@"',
+        'name: !!timestamp x',
+        'name: !!int x',
+        'name: !!bool x',
+        'name: !!int ""',
+        '1: 2',
+    ],
+)
 def test_whatever_the_text_it_is_a_description_error(parse: Callable, text: str) -> None:
     with pytest.raises(DescriptionError) as caught:
         parse(text, 'mine.yaml')
@@ -233,7 +258,7 @@ def test_a_file_that_cannot_be_read_says_so(tmp_path: Path) -> None:
 
 def test_placements_are_read_by_location_number() -> None:
     text = 'locations: [{number: 2, translation: [1, 2, 3], rotation_vector: [0, 0, 1]}]'
-    (number, placed), = parse_placements(text).items()
+    ((number, placed),) = parse_placements(text).items()
     assert number == 2
     assert placed.translation.tolist() == [1, 2, 3]
     with pytest.raises(DescriptionError, match='location 2 is listed twice'):

@@ -4,11 +4,11 @@ from __future__ import annotations
 import subprocess
 import sys
 
-from calib_model.folder_lock import FolderLock
+from calib_model.files.folder_lock import FolderLock
 
 HOLD = """
 import sys
-from calib_model.folder_lock import FolderLock
+from calib_model.files import FolderLock
 lock = FolderLock(sys.argv[1])
 print(lock.take(), flush=True)
 sys.stdin.read()
@@ -23,8 +23,12 @@ def test_a_folder_is_one_writers_until_it_lets_go_or_dies(tmp_path):
     first.release()
     assert second.take()
     second.release()
-    holder = subprocess.Popen([sys.executable, '-c', HOLD, str(tmp_path)], text=True,
-                              stdin=subprocess.PIPE, stdout=subprocess.PIPE)  # fmt: skip
+    holder = subprocess.Popen(
+        [sys.executable, '-c', HOLD, str(tmp_path)],
+        text=True,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
     assert holder.stdout.readline() == 'True\n'
     assert not first.take()
     holder.kill()

@@ -3,7 +3,7 @@
 
 import pytest
 
-from calib_model.permitted import Folders, NotPermittedError, usual_reading, usual_writing
+from calib_model.files.open_folders import Folders, NotPermittedError, usual_reading, usual_writing
 
 
 @pytest.fixture
@@ -31,9 +31,17 @@ def test_inside_is_permitted_there_or_not(folders, places):
     folders.permit_all(['', places / 'open'])
 
 
-@pytest.mark.parametrize('path', [
-    'closed/bag', 'open/../closed/bag', 'open/nothing/../../closed', 'opened', '.', '/etc/passwd',
-])  # fmt: skip
+@pytest.mark.parametrize(
+    'path',
+    [
+        'closed/bag',
+        'open/../closed/bag',
+        'open/nothing/../../closed',
+        'opened',
+        '.',
+        '/etc/passwd',
+    ],
+)
 def test_outside_is_refused_however_it_is_written(folders, places, path):
     refused(folders, places / path)
     with pytest.raises(NotPermittedError):

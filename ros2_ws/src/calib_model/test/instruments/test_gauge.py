@@ -4,9 +4,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib_model.description import parse_gauge, read_description
+from calib_model.descriptions import parse_gauge, read_description
 from calib_model.errors import DataError
-from calib_model.gauge import Gauge
+from calib_model.instruments.gauge import Gauge
 
 
 def test_distances_are_between_certified_centres() -> None:

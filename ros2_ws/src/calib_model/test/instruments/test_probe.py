@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 import pytest
-from hypothesis import assume, given
-from hypothesis import strategies as st
+from hypothesis import assume, given, strategies as st
 
 from calib_model.errors import ContactError, DataError
-from calib_model.probe import ActiveProbe, PassiveProbe, Stylus, trihedron
-from calib_model.rotation import RigidTransform, rotation_matrix
+from calib_model.instruments.probe import ActiveProbe, PassiveProbe, Stylus, trihedron
+from calib_model.transforms import RigidTransform, rotation_matrix
 
 DIAMETER = 0.022
 STROKE = (-0.003, 0.003)

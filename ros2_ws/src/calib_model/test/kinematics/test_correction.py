@@ -6,19 +6,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib_model.arm import Arm
-from calib_model.corrected_arm import CorrectedArm
-from calib_model.correction import (
-    Attitude,
-    Correction,
-    Shift,
-    correction_yaml,
-    parse_correction,
-)
+from calib_model.descriptions import correction_yaml, parse_correction
 from calib_model.errors import DataError, DescriptionError
-from calib_model.gravity import Links, gravity_torques
-from calib_model.joint_errors import JointErrors, JointTerms
-from calib_model.kinematics import forward, points
+from calib_model.instruments import Arm
+from calib_model.kinematics.correction import Attitude, CorrectedArm, Correction, Shift
+from calib_model.kinematics.forward import forward_kinematics, points
+from calib_model.kinematics.gravity import Links, gravity_torques
+from calib_model.kinematics.joint_errors import JointErrors, JointTerms
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -73,7 +67,7 @@ def test_joints_shift_and_attitude_are_what_they_are_said_to_be(kr5: Arm) -> Non
     for k in (1, 2):
         shift += np.cos(k * q) @ whole.shift.values[2 * k - 2].T
         shift += np.sin(k * q) @ whole.shift.values[2 * k - 1].T
-    rotation = forward(kr5, q)[:, :3, :3].reshape(5, 9)
+    rotation = forward_kinematics(kr5, q)[:, :3, :3].reshape(5, 9)
     shift += rotation @ whole.attitude.values.reshape(3, 9).T
     corrected = CorrectedArm(kr5, whole)
     np.testing.assert_allclose(corrected.joints(q), there, rtol=0, atol=1e-15)
@@ -88,7 +82,7 @@ def test_joints_shift_and_attitude_are_what_they_are_said_to_be(kr5: Arm) -> Non
 def test_without_a_correction_it_is_the_arm_itself(kr5: Arm) -> None:
     q = np.random.default_rng(5).uniform(-2, 2, (4, 6))
     bare = CorrectedArm(kr5)
-    np.testing.assert_array_equal(bare.forward(q), forward(kr5, q))
+    np.testing.assert_array_equal(bare.forward(q), forward_kinematics(kr5, q))
     np.testing.assert_array_equal(bare.points(q, np.ones(3)), points(kr5, q, np.ones(3)))
     np.testing.assert_array_equal(bare.joints(q), q)
 

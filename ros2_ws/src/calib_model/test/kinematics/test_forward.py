@@ -2,9 +2,9 @@
 import numpy as np
 import pytest
 
-from calib_model.arm import Arm
 from calib_model.errors import DataError
-from calib_model.kinematics import forward, points
+from calib_model.instruments import Arm
+from calib_model.kinematics.forward import forward_kinematics, points
 
 
 def eq_2(arm: Arm, q: np.ndarray) -> np.ndarray:
@@ -15,12 +15,14 @@ def eq_2(arm: Arm, q: np.ndarray) -> np.ndarray:
         ct, st = np.cos(theta), np.sin(theta)
         ca, sa = np.cos(joint.alpha), np.sin(joint.alpha)
         cb, sb = np.cos(joint.beta), np.sin(joint.beta)
-        A = np.array([
-            [ct, -ca * st, sa * st, joint.a * ct],
-            [st, ca * ct, -sa * ct, joint.a * st],
-            [0, sa, ca, joint.d],
-            [0, 0, 0, 1],
-        ])
+        A = np.array(
+            [
+                [ct, -ca * st, sa * st, joint.a * ct],
+                [st, ca * ct, -sa * ct, joint.a * st],
+                [0, sa, ca, joint.d],
+                [0, 0, 0, 1],
+            ]
+        )
         hayati = np.array([[cb, 0, sb, 0], [0, 1, 0, 0], [-sb, 0, cb, 0], [0, 0, 0, 1]])
         T = T @ A @ hayati
     return T @ arm.dh_T_flange.matrix()
@@ -31,14 +33,14 @@ def test_forward_is_the_product_of_eq_2(arms: list[Arm], odd_arm: Arm) -> None:
     for arm in (*arms, odd_arm):
         q = rng.uniform(-3, 3, (50, arm.n))
         expected = np.array([eq_2(arm, row) for row in q])
-        np.testing.assert_allclose(forward(arm, q), expected, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(forward_kinematics(arm, q), expected, rtol=0, atol=1e-14)
 
 
 def test_points_are_forward_applied_to_flange_points(arms: list[Arm], odd_arm: Arm) -> None:
     rng = np.random.default_rng(1)
     for arm in (*arms, odd_arm):
         q, p = rng.uniform(-3, 3, (50, arm.n)), rng.uniform(-0.2, 0.2, (50, 3))
-        T = forward(arm, q)
+        T = forward_kinematics(arm, q)
         expected = np.einsum('nij,nj->ni', T[:, :3, :3], p) + T[:, :3, 3]
         np.testing.assert_allclose(points(arm, q, p), expected, rtol=0, atol=1e-14)
         one = points(arm, q, p[0])
@@ -52,7 +54,7 @@ def test_points_are_forward_applied_to_flange_points(arms: list[Arm], odd_arm: A
 def test_kr5_flange_is_where_its_maker_puts_it(
     kr5: Arm, degrees: tuple[float, ...], flange: tuple[float, ...]
 ) -> None:
-    T = forward(kr5, np.radians([degrees]))[0]
+    T = forward_kinematics(kr5, np.radians([degrees]))[0]
     np.testing.assert_allclose(T[:3, 3], flange, rtol=0, atol=1e-12)
 
 
@@ -64,7 +66,7 @@ def test_kr5_limits_are_kukas_axis_limits_in_the_joint_variable(kr5: Arm) -> Non
 
 def test_a_posture_of_another_arm_is_refused(kr5: Arm) -> None:
     with pytest.raises(DataError, match='kuka_kr5_sixx_r650: expected 6 joint positions, got 7'):
-        forward(kr5, np.zeros((3, 7)))
+        forward_kinematics(kr5, np.zeros((3, 7)))
 
 
 def test_limits_hold_for_whole_postures_and_keep_the_margin(kr5: Arm) -> None:

@@ -7,12 +7,13 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from test_jacobians import differences
+from finite_differences import differences
 
-from calib_model.arm import Arm
+from calib_model.descriptions import parse_links, read_links
 from calib_model.errors import DescriptionError
-from calib_model.gravity import Links, gravity_torques, parse_links, read_links
-from calib_model.kinematics import joint_frames
+from calib_model.instruments import Arm
+from calib_model.kinematics.forward import joint_frames
+from calib_model.kinematics.gravity import Links, gravity_torques
 from calib_model.urdf import arm_urdf
 
 pytestmark = pytest.mark.timeout(60)

@@ -1,28 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every analytic derivative of calib_model against finite differences, in one place."""
 
-from collections.abc import Callable
-
 import numpy as np
+from finite_differences import differences
 
-from calib_model.arm import Arm
-from calib_model.kinematics import point_derivatives, points
-from calib_model.rotation import left_jacobian, rotation_matrix
-
-STEP = 1e-3
-
-
-def differences(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
-    """d function / dx, stencil of fourth order (errors of 1e-13), shape (*result, *x)."""
-    columns = []
-    for i in range(x.size):
-        step = np.zeros(x.size)
-        step[i] = STEP
-        step = step.reshape(x.shape)
-        near = function(x + step) - function(x - step)
-        far = function(x + 2 * step) - function(x - 2 * step)
-        columns.append((8 * near - far) / (12 * STEP))
-    return np.stack(columns, axis=-1).reshape(*columns[0].shape, *x.shape)
+from calib_model.instruments import Arm
+from calib_model.kinematics.forward import point_derivatives, points
+from calib_model.transforms import left_jacobian, rotation_matrix
 
 
 def test_point_derivatives(arms: list[Arm], odd_arm: Arm) -> None:

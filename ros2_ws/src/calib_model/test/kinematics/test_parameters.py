@@ -2,11 +2,10 @@
 import numpy as np
 import pytest
 
-from calib_model.arm import Arm
 from calib_model.errors import DataError
-from calib_model.kinematics import point_derivatives, points
-from calib_model.parameters import ParameterTable
-from calib_model.probe import ActiveProbe
+from calib_model.instruments import ActiveProbe, Arm
+from calib_model.kinematics.forward import point_derivatives, points
+from calib_model.kinematics.parameters import ParameterTable
 
 
 @pytest.fixture
@@ -21,8 +20,12 @@ def test_names_are_the_contracts_in_its_order(table: ParameterTable) -> None:
     assert list(table.names) == expected
     units = {p.name: p.unit for p in table.parameters}
     assert [units[name] for name in ('a1', 'alpha1', 'd6', 'theta_0_2', 'beta3')] == [
-        'm', 'rad', 'm', 'rad', 'rad',
-    ]  # fmt: skip
+        'm',
+        'rad',
+        'm',
+        'rad',
+        'rad',
+    ]
     assert (units['probe_x'], units['probe_rx']) == ('m', 'rad')
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from calib_model.certificate_match import Certificate
-from calib_model.gauge import Gauge
-from calib_model.rotation import RigidTransform
-from calib_model.sphere_numbering import numbered, renumbered
-from calib_model.sphere_visits import NEAR, Grouping
+from calib_model.instruments import Gauge
+from calib_model.labelling.certificate_match import Certificate
+from calib_model.labelling.sphere_clusters import NEAR, Grouping
+from calib_model.labelling.sphere_numbering import numbered, renumbered
+from calib_model.transforms import RigidTransform
 
 SPHERES = (1, 6, 10, 14)
 ERROR = 5e-4  # m: of the nominal arm
@@ -88,8 +88,15 @@ def test_a_bar_turned_about_a_sphere_is_a_new_location(gauge, placed):
 
 def test_what_is_no_sphere_is_left_out_and_told(gauge, placed):
     table = np.array([0.9, 0.1, 0.05])
-    visits = [(placed[0], 1), (placed[0], 6), (None, table), (placed[0], 10), (placed[1], 1),
-              (placed[1], 6), (placed[1], 14)]  # fmt: skip
+    visits = [
+        (placed[0], 1),
+        (placed[0], 6),
+        (None, table),
+        (placed[0], 10),
+        (placed[1], 1),
+        (placed[1], 6),
+        (placed[1], 14),
+    ]
     p, labels = seen(gauge, visits)
     found, numbering, _ = grouped(gauge, p)
     assert [len(location.places) for location in found.locations] == [3, 3]
@@ -114,8 +121,13 @@ def test_a_wild_pose_takes_nothing_else_with_it(gauge, placed):
 
 def test_uneven_spheres_get_their_numbers_from_their_distances(placed):
     """Probed in any order: nothing is left to assume."""
-    uneven = Gauge('bar', 0.022, tuple((n, (x, 0.0, 0.0)) for n, x in
-                   ((1, 0.0), (2, 0.06), (3, 0.16), (4, 0.31), (5, 0.5))), 1e-6, 1e-6)  # fmt: skip
+    uneven = Gauge(
+        'bar',
+        0.022,
+        tuple((n, (x, 0.0, 0.0)) for n, x in ((1, 0.0), (2, 0.06), (3, 0.16), (4, 0.31), (5, 0.5))),
+        1e-6,
+        1e-6,
+    )
     p, labels = seen(uneven, [(where, n) for where in placed for n in (4, 1, 5, 2)])
     found, numbering, _ = grouped(uneven, p)
     assert_same_grouping(found, numbering, labels)
@@ -167,9 +179,9 @@ def test_spheres_that_are_said_need_not_be_told(gauge, placed):
 
 def test_the_order_of_probing_tells_the_ends_of_an_even_set(gauge, placed):
     """1, 8, 15 read from the other end are 15, 8, 1: counted upwards, until the arm sees it."""
-    uneven = replace(gauge, spheres=tuple(
-        (n, (x + 3e-5 * (n == 8), y, z)) for n, (x, y, z) in gauge.spheres
-    ))  # fmt: skip
+    uneven = replace(
+        gauge, spheres=tuple((n, (x + 3e-5 * (n == 8), y, z)) for n, (x, y, z) in gauge.spheres)
+    )
     truth = (15, 8, 1)
     p, _ = seen(uneven, [(where, n) for where in placed for n in truth])
     found, numbering, certificate = grouped(uneven, p)

@@ -4,18 +4,12 @@
 import pytest
 
 rclpy = pytest.importorskip('rclpy', reason='no ROS 2 here')
-from rclpy.parameter import Parameter  # noqa: E402
+from rclpy.parameter import Parameter
 
-from calib_model.command import UsageError  # noqa: E402
-from calib_model.errors import ParameterError  # noqa: E402
-from calib_model.parameters_node import (  # noqa: E402
-    MOST_NAMED,
-    Parameters,
-    Proposal,
-    Sheet,
-    warn_of_unknown,
-)
-from calib_model.run_node import NodeCommand  # noqa: E402
+from calib_model.command_line import UsageError
+from calib_model.errors import ParameterError
+from calib_model.nodes.lifecycle import NodeCommand
+from calib_model.nodes.parameters import MOST_NAMED, Parameters, Proposal, Sheet, warn_of_unknown
 
 pytestmark = pytest.mark.timeout(30)
 
@@ -60,12 +54,15 @@ def test_what_is_given_comes_back_and_a_whole_number_is_a_number(make):
     assert declare(given) == ('x.yaml', 20.0, 5, True, (1, 6))
 
 
-@pytest.mark.parametrize(('given', 'said'), [
-    ('rate:=fast', "parameter 'rate': expected a number from 1 to 100, got 'fast'"),
-    ('rate:=0.5', "parameter 'rate': expected a number from 1 to 100, got 0.5"),
-    ('rate:=.nan', "parameter 'rate': expected a number from 1 to 100, got nan"),
-    ('poses:=0', "parameter 'poses': expected a number from 1 to 1000, got 0"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ('given', 'said'),
+    [
+        ('rate:=fast', "parameter 'rate': expected a number from 1 to 100, got 'fast'"),
+        ('rate:=0.5', "parameter 'rate': expected a number from 1 to 100, got 0.5"),
+        ('rate:=.nan', "parameter 'rate': expected a number from 1 to 100, got nan"),
+        ('poses:=0', "parameter 'poses': expected a number from 1 to 1000, got 0"),
+    ],
+)
 def test_what_is_out_of_range_is_refused_at_the_start(make, given, said):
     node = make(given)
     with pytest.raises(ParameterError) as refused:
@@ -107,14 +104,26 @@ def test_a_proposal_is_the_node_with_other_values(make):
         declare(Proposal(node, [Parameter('rate', value=300.0)]))
 
 
-@pytest.mark.parametrize(('given', 'said'), [
-    (('poses:=5', 'use_sim_time:=false', 'start_type_description_service:=true',
-      'qos_overrides./joint_states.subscription.depth:=5'), ''),
-    (('spherse:=[1]',), "no parameter 'spherse': did you mean 'spheres'?"),
-    (('magnification:=2.0', 'rat:=3.0', 'zzz.y:=1'),
-     "no parameter 'rat': did you mean 'rate'? no parameters 'magnification', 'zzz.y'"),
-    (('zzz:=1',), "no parameter 'zzz'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ('given', 'said'),
+    [
+        (
+            (
+                'poses:=5',
+                'use_sim_time:=false',
+                'start_type_description_service:=true',
+                'qos_overrides./joint_states.subscription.depth:=5',
+            ),
+            '',
+        ),
+        (('spherse:=[1]',), "no parameter 'spherse': did you mean 'spheres'?"),
+        (
+            ('magnification:=2.0', 'rat:=3.0', 'zzz.y:=1'),
+            "no parameter 'rat': did you mean 'rate'? no parameters 'magnification', 'zzz.y'",
+        ),
+        (('zzz:=1',), "no parameter 'zzz'"),
+    ],
+)
 def test_what_is_given_and_not_known_is_one_line_of_warning(make, capfd, given, said):
     node = make(*given)
     declare(node)
@@ -140,9 +149,14 @@ def test_help_names_every_parameter_with_default_range_and_example(capsys):
     assert left.value.code == 0
     said = capsys.readouterr().out
     for part in (
-        'usage: ros2 run pkg exe', 'Does it.', 'rate (10.0)', 'Hz; from 1 to 100; may be set while',
-        'poses (60)', 'spheres\n', 'example:\n  ros2 run pkg exe',
-    ):  # fmt: skip
+        'usage: ros2 run pkg exe',
+        'Does it.',
+        'rate (10.0)',
+        'Hz; from 1 to 100; may be set while',
+        'poses (60)',
+        'spheres\n',
+        'example:\n  ros2 run pkg exe',
+    ):
         assert part in said
 
 

@@ -5,12 +5,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from calib_model.pairing import SECOND, JointSample, Pairing, Reading, SteadyPose, SteadySettings
-from calib_model.raw_pairing import pair_streams, standing_outcomes
-from calib_model.raw_streams import RawStreams
+from calib_model.pairing.from_streams import pair_streams, standing_outcomes
+from calib_model.pairing.stop_and_go import (
+    JointSample,
+    Pairing,
+    Reading,
+    SteadyPose,
+    SteadySettings,
+)
+from calib_model.pairing.streams import RawStreams
+from calib_model.stamps import SECOND
 
 pytestmark = pytest.mark.timeout(60)
 T0 = 1_700_000_000 * SECOND
@@ -27,20 +33,23 @@ def streams_of(legs, joint_period=0.004, read_period=0.002, seed=0):
     leg = np.clip(np.searchsorted(ends, r, side='right') - 1, 0, len(legs) - 1)
     status = np.array([leg[2] for leg in legs], dtype=np.uint8)[leg]
     return RawStreams(
-        T0 + np.round(t * SECOND).astype(np.int64), q,
-        T0 + np.round(r * SECOND).astype(np.int64), rng.normal(1e-3, 1e-6, (len(r), 3)),
+        T0 + np.round(t * SECOND).astype(np.int64),
+        q,
+        T0 + np.round(r * SECOND).astype(np.int64),
+        rng.normal(1e-3, 1e-6, (len(r), 3)),
         np.stack([status, status, status], axis=1),
-    )  # fmt: skip
+    )
 
 
 def message_by_message(streams, steady):
     pairing, found = Pairing(steady), []
-    joints = [JointSample(int(t), q) for t, q in
-              zip(streams.joint_stamp, streams.joints, strict=True)]  # fmt: skip
+    joints = [
+        JointSample(int(t), q) for t, q in zip(streams.joint_stamp, streams.joints, strict=True)
+    ]
     readings = [
-        Reading(int(t), d, tuple(map(int, s))) for t, d, s in
-        zip(streams.reading_stamp, streams.displacement, streams.status, strict=True)
-    ]  # fmt: skip
+        Reading(int(t), d, tuple(map(int, s)))
+        for t, d, s in zip(streams.reading_stamp, streams.displacement, streams.status, strict=True)
+    ]
     for each in sorted([*joints, *readings], key=lambda each: each.stamp):
         take = pairing.add_joints if isinstance(each, JointSample) else pairing.add_reading
         found += take(each)
@@ -85,9 +94,12 @@ def test_poses_of_a_led_arm_have_the_joints_of_their_instant():
     t, r = np.arange(0, 4, 0.01), np.arange(0.0037, 3.9, 0.002)
     way = lambda at: np.stack([np.sin(2 * at), 0.5 * np.cos(3 * at)], axis=1)  # noqa: E731
     streams = RawStreams(
-        np.round(t * SECOND).astype(np.int64), way(t), np.round(r * SECOND).astype(np.int64),
-        np.zeros((len(r), 3)), np.zeros((len(r), 3), dtype=np.uint8),
-    )  # fmt: skip
+        np.round(t * SECOND).astype(np.int64),
+        way(t),
+        np.round(r * SECOND).astype(np.int64),
+        np.zeros((len(r), 3)),
+        np.zeros((len(r), 3), dtype=np.uint8),
+    )
     poses = pair_streams(streams, STEADY, standing=False).poses
     assert len(poses) > 30
     for pose in poses:
@@ -99,9 +111,12 @@ def test_a_contact_is_not_followed_across_a_gap_in_the_joint_states():
     keep = np.ones(len(streams.joint_stamp), dtype=bool)
     keep[300:700] = False
     holed = RawStreams(
-        streams.joint_stamp[keep], streams.joints[keep], streams.reading_stamp,
-        streams.displacement, streams.status,
-    )  # fmt: skip
+        streams.joint_stamp[keep],
+        streams.joints[keep],
+        streams.reading_stamp,
+        streams.displacement,
+        streams.status,
+    )
     seconds = [(pose.stamp - T0) / SECOND for pose in pair_streams(holed, STEADY).poses]
     assert seconds
     assert not [second for second in seconds if 1.2 < second < 2.795]

@@ -5,17 +5,17 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from calib_capture.moving import (
+from calib_model.pairing.hand_guided import (
     LONGEST_WAIT,
     NO_JOINTS,
     OUT_OF_ORDER,
     MovingPairing,
     MovingSettings,
 )
-from calib_model.pairing import SECOND, JointSample, Reading
+from calib_model.pairing.stop_and_go import JointSample, Reading
+from calib_model.stamps import SECOND
 
 pytestmark = pytest.mark.timeout(60)
 OK = (0, 0, 0)
@@ -84,16 +84,15 @@ def test_every_reading_has_the_joints_at_its_stamp():
 
 @settings(max_examples=40, deadline=None)
 @given(
-    joint_rate=st.floats(60.0, 500.0), probe_rate=st.floats(60.0, 1000.0),
+    joint_rate=st.floats(60.0, 500.0),
+    probe_rate=st.floats(60.0, 1000.0),
     delay=st.floats(-0.6, 0.6),
-)  # fmt: skip
+)
 def test_arrival_of_one_stream_after_the_other_changes_nothing(joint_rate, probe_rate, delay):
     joints, readings = streams(0.8, joint_rate, probe_rate)
     together = fed(MovingPairing(SETTINGS), in_time(joints, readings))
     shift = round(delay * SECOND)
-    arriving = sorted(
-        [*joints, *readings], key=lambda m: m.stamp + isinstance(m, Reading) * shift
-    )
+    arriving = sorted([*joints, *readings], key=lambda m: m.stamp + isinstance(m, Reading) * shift)
     assert same(fed(MovingPairing(SETTINGS), arriving), together)
 
 
@@ -112,9 +111,12 @@ def test_messages_permuted_within_the_lateness_give_the_same(seed):
 
 @settings(max_examples=60, deadline=None)
 @given(
-    seed=st.integers(0, 2**32 - 1), lost=st.floats(0.0, 0.5), twice=st.floats(0.0, 0.2),
-    late=st.floats(0.0, 2.5), lateness=st.floats(0.0, 0.05),
-)  # fmt: skip
+    seed=st.integers(0, 2**32 - 1),
+    lost=st.floats(0.0, 0.5),
+    twice=st.floats(0.0, 0.2),
+    late=st.floats(0.0, 2.5),
+    lateness=st.floats(0.0, 0.05),
+)
 def test_whatever_arrives_is_paired_or_refused_once(seed, lost, twice, late, lateness):
     """Lost, doubled and wildly late messages of both streams, also across a step back."""
     rng = np.random.default_rng(seed)
@@ -189,6 +191,7 @@ def test_a_shift_moves_the_readings_and_leaves_their_stamps():
     shifted = fed(MovingPairing(SETTINGS, round(0.003 * SECOND)), in_time(joints, behind))
     assert [each.stamp for each in shifted] == [each.stamp for each in behind]
     assert all(
-        np.array_equal(a.joints, b.joints) for a, b in zip(right, shifted, strict=True)
+        np.array_equal(a.joints, b.joints)
+        for a, b in zip(right, shifted, strict=True)
         if not a.reason
-    )  # fmt: skip
+    )

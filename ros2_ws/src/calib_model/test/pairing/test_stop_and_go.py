@@ -3,11 +3,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from calib_model.pairing import (
-    SECOND,
+from calib_model.pairing.stop_and_go import (
     JointSample,
     Pairing,
     Reading,
@@ -18,6 +16,7 @@ from calib_model.pairing import (
     SteadySettings,
     joints_at,
 )
+from calib_model.stamps import SECOND
 
 pytestmark = pytest.mark.timeout(60)
 OK = (0, 0, 0)
@@ -106,9 +105,7 @@ def test_messages_that_come_a_little_late_are_put_in_their_place(seed):
     patient = SteadySettings(settle=0.02, dwell=0.1, max_spread=1e-5, lateness=0.02)
     expected = fed(Pairing(patient), in_time(joints, readings))
     rng = np.random.default_rng(seed)
-    delayed = sorted(
-        [*joints, *readings], key=lambda m: m.stamp + rng.integers(0, ns_of(0.019))
-    )
+    delayed = sorted([*joints, *readings], key=lambda m: m.stamp + rng.integers(0, ns_of(0.019)))
     pairing = Pairing(patient)
     found = fed(pairing, delayed)
     assert pairing.too_late == 0

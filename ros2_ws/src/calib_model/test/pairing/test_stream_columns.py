@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from calib_model import cdr
-from calib_model.raw_block import joint_blocks, little_endian, reading_blocks
+from calib_model.bags import cdr
+from calib_model.pairing.stream_columns import joint_blocks, little_endian, reading_blocks
 from calib_model.topics import DISPLACEMENTS, JOINT_STATE
 
 NAMES = [['a', 'bcd', 'ef'], ['bcd', 'a', 'ef', 'ghijk'], ['x']]

@@ -5,13 +5,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from calib_model.arm import Arm, Joint
-from calib_model.kinematics import forward
-from calib_model.rotation import rotation_matrix
-from calib_model.urdf import arm_urdf, rpy
+from calib_model.instruments import Arm, Joint
+from calib_model.kinematics import forward_kinematics
+from calib_model.transforms import rotation_matrix
+from calib_model.urdf.export_arm import arm_urdf, rpy
 
 RIGHT = np.pi / 2
 
@@ -32,7 +31,9 @@ def test_pinocchio_reads_the_same_arm(arms: list[Arm], odd_arm: Arm) -> None:
     rng = np.random.default_rng(0)
     for arm in (*arms, odd_arm):
         q = rng.uniform(-3, 3, (20, arm.n))
-        np.testing.assert_allclose(through_pinocchio(arm, q), forward(arm, q), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            through_pinocchio(arm, q), forward_kinematics(arm, q), rtol=0, atol=1e-12
+        )
 
 
 @settings(max_examples=60, deadline=None)
@@ -43,12 +44,19 @@ def test_identified_arms_keep_their_digits(seed: int) -> None:
     joints = []
     for i in range(6):
         off = rng.choice([0.0, 1e-15, 1e-12, 1e-9, 1e-7, 1e-5, 1e-3], size=5) * rng.normal(size=5)
-        nominal = [rng.normal(), rng.choice([-RIGHT, 0, RIGHT, np.pi]), rng.normal(),
-                   rng.choice([-RIGHT, 0, RIGHT, np.pi]), rng.choice([0, 0, RIGHT])]  # fmt: skip
+        nominal = [
+            rng.normal(),
+            rng.choice([-RIGHT, 0, RIGHT, np.pi]),
+            rng.normal(),
+            rng.choice([-RIGHT, 0, RIGHT, np.pi]),
+            rng.choice([0, 0, RIGHT]),
+        ]
         joints.append(Joint(f'j{i}', *(nominal + off), direction=int(rng.choice([-1, 1]))))
     arm = Arm('identified', tuple(joints))
     q = rng.uniform(-3, 3, (5, 6))
-    np.testing.assert_allclose(through_pinocchio(arm, q), forward(arm, q), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        through_pinocchio(arm, q), forward_kinematics(arm, q), rtol=0, atol=1e-12
+    )
 
 
 def test_limits_and_speeds_are_the_arms(kr5: Arm) -> None:

@@ -8,17 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from urdf_files import PUBLIC, joint_text, public_urdf, random_urdf, through_pinocchio
 
-from calib_model.arm import Arm
-from calib_model.arm_from_urdf import arm_from_urdf, main
-from calib_model.description import parse_arm, read_description
+from calib_model.commands.arm_from_urdf import main
+from calib_model.descriptions import parse_arm, read_description
 from calib_model.errors import DescriptionError
-from calib_model.freedom import parallel_joints
-from calib_model.kinematics import forward
-from calib_model.urdf import arm_urdf
+from calib_model.instruments import Arm
+from calib_model.kinematics import forward_kinematics, parallel_joints
+from calib_model.urdf.export_arm import arm_urdf
+from calib_model.urdf.import_arm import arm_from_urdf
 
 pytestmark = pytest.mark.timeout(60)
 EXACT = 1e-9
@@ -28,7 +27,7 @@ def off(arm: Arm, text: str, seed: int = 0, count: int = 20) -> float:
     """The largest difference of any element of T_base_flange to Pinocchio's, m."""
     q = np.random.default_rng(seed).uniform(-np.pi, np.pi, (count, arm.n))
     expected = through_pinocchio(text, arm.base_frame, arm.flange_frame, arm.joint_names, q)
-    return float(np.abs(forward(arm, q) - expected).max())
+    return float(np.abs(forward_kinematics(arm, q) - expected).max())
 
 
 @pytest.mark.parametrize('name', PUBLIC)
@@ -57,7 +56,10 @@ def test_our_own_urdf_comes_back_as_the_same_arm(arms: list[Arm], odd_arm: Arm) 
         again = arm_from_urdf(arm_urdf(arm), arm.base_frame, arm.flange_frame, arm.name)
         assert again.joint_names == arm.joint_names
         np.testing.assert_allclose(
-            forward(again, q[:, : arm.n]), forward(arm, q[:, : arm.n]), rtol=0, atol=EXACT
+            forward_kinematics(again, q[:, : arm.n]),
+            forward_kinematics(arm, q[:, : arm.n]),
+            rtol=0,
+            atol=EXACT,
         )
 
 

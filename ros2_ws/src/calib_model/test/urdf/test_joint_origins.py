@@ -5,13 +5,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from calib_model.errors import DescriptionError
-from calib_model.rotation import RigidTransform
-from calib_model.serial_chain import read_chain
-from calib_model.urdf_origins import with_origins
+from calib_model.transforms import RigidTransform
+from calib_model.urdf.joint_origins import with_origins
+from calib_model.urdf.serial_chain import read_chain
 
 URDF = b"""<?xml version="1.0" encoding="ISO-8859-1"?>\r
 <!-- <joint name="j1"><origin xyz="9 9 9"/></joint> f\xfcr den Roboter -->\r

@@ -3,172 +3,40 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from calib_model.arm import Arm
-from calib_model.arm_from_urdf import read_urdf
-from calib_model.bag_reader import cut_files
-from calib_model.correction import Correction
-from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
+from calib_model.descriptions import (
+    read_links,
+)
 from calib_model.errors import DataError
-from calib_model.gravity import read_links
-from calib_model.probe import Probe
-from calib_model.probing import Measurement, ProbingSet
-from calib_model.progress import Pace, Progress
-from calib_model.raw_measurement import Instruments, RawChoice
-from calib_solver.cluster import connected
-from calib_solver.compiled import threads
-from calib_solver.copies import copied_lines, copies, noise_lines, seen_lines
-from calib_solver.held_out import HeldOut, refuse_other_instruments
-from calib_solver.identification import Identification, Options, identify
-from calib_solver.parallel import Spread, in_processes
-from calib_solver.problem import Problem
-from calib_solver.quality import ProbedSpheres, Quality, assess
-from calib_solver.raw_bags import Part, RawSpheres, read_part
-from calib_solver.report import report_html
-from calib_solver.report_instruments import Inputs
-from calib_solver.resampling import Plan, Resampled, refuse_plan, resample
-from calib_solver.result import Record, result_record, write_results
-from calib_solver.user_urdf import write_corrected_urdf
+from calib_model.measurement import Measurement
+from calib_model.progress import Progress
+from calib_model.urdf import read_urdf
+from calib_solver.calibration.duplicate_poses import copied_lines, noise_lines, seen_lines
+from calib_solver.calibration.sources import Loaded, Sources, _cut, load_all
+from calib_solver.compensation import write_corrected_urdf
+from calib_solver.fitting import Options
+from calib_solver.held_out import HeldOut
+from calib_solver.identification import Identification, identify
+from calib_solver.problem import threads
+from calib_solver.quality import Quality
+from calib_solver.report import Inputs, report_html
+from calib_solver.resampling import (
+    Plan,
+    Resampled,
+    Spread,
+    connected,
+    in_processes,
+    refuse_plan,
+    resample,
+)
+from calib_solver.results import Record, result_record, write_results
 
 ROUNDS = 3  # identifications at most until the numbers of a raw bag's spheres stay the same
-
-
-@dataclass(frozen=True)
-class Sources:
-    """Bags that make one measurement, and YAML files that take the place of their descriptions;
-    `links` is a YAML or URDF file with what the arm's links weigh. Bags without poses are paired
-    and sorted as `raw` says, `anew` those with poses, too."""
-
-    bags: tuple[str, ...]
-    arm: str = ''
-    probe: str = ''
-    gauge: str = ''
-    links: str = ''
-    raw: RawChoice = RawChoice()
-    anew: bool = False
-
-
-def bag_list(text: str) -> tuple[str, ...]:
-    """The bags a request names: one path, or several separated by ':'."""
-    if not text or os.path.exists(text):
-        return (text,) if text else ()
-    return tuple(part for part in text.split(':') if part)
-
-
-@dataclass(frozen=True)
-class Loaded:
-    """A measurement, and what its bags without poses say of the numbers of their spheres."""
-
-    measured: Measurement
-    raw: RawSpheres | None = None
-    copies: int = 0  # poses that were left out: others are the same to the last digit
-
-    def told_by(self, spheres: ProbedSpheres) -> Loaded:
-        """Numbered as the distances between these centres tell, where they do so clearly."""
-        if self.raw is None or not self.raw.numbering.open:
-            return self
-        told = self.raw.told_by(spheres)
-        return replace(self, measured=told.relabelled(self.measured, self.raw.numbering), raw=told)
-
-    def told_with(self, arm: Arm, probe: Probe, model: Correction | None = None) -> Loaded:
-        """Numbered by the distances that this arm sees."""
-        if self.raw is None or not self.raw.numbering.open:
-            return self
-        return self.told_by(assess(Problem.of(self.measured), arm, probe, model).spheres)
-
-    @property
-    def lines(self) -> tuple[str, ...]:
-        """How bags without poses became a measurement."""
-        return () if self.raw is None else (*self.raw.lines, self.raw.numbering.line())
-
-    def apart_from_copies(self) -> Loaded:
-        """Each pose once."""
-        poses = self.measured.poses
-        copy = copies(poses)
-        if not copy.any():
-            return self
-        measured = replace(self.measured, poses=poses.take(~copy))
-        return replace(self, measured=measured, copies=int(copy.sum()))
-
-
-def load(sources: Sources) -> Measurement:
-    """The measurement of one or several bags; each further bag's locations are its own.
-
-    Raises:
-        CalibrationError: a bag or a description cannot be read, or they do not go together.
-    """
-    loaded = load_all(sources)
-    return loaded.told_with(loaded.measured.arm, loaded.measured.probe).measured
-
-
-def load_all(sources: Sources, progress: Progress | None = None) -> Loaded:
-    """As `load`, with the numbers of a raw bag's spheres still open; tells how far reading is.
-
-    Raises:
-        CalibrationError: a bag or a description cannot be read, or they do not go together.
-    """
-    if not sources.bags:
-        raise DataError('no bag given')
-    given = Instruments(
-        read_description(sources.arm, parse_arm) if sources.arm else None,
-        read_description(sources.probe, parse_probe) if sources.probe else None,
-        read_description(sources.gauge, parse_gauge) if sources.gauge else None,
-    )
-    found: list[Part] = []
-    for bag in sources.bags:
-        pace = Pace(progress, f'reading {bag}', 'MB', 1e6)
-        found.append(read_part(bag, given, sources.raw, sources.anew, pace))
-        pace.end()
-    sorted_bags = [part.raw for part in found if part.raw is not None]
-    if not sorted_bags:
-        return Loaded(_joined([part.measured for part in found])[0]).apart_from_copies()
-    raw = RawSpheres.of(sorted_bags)
-    numbered = iter(raw.measurements())
-    parts = [part.measured if part.raw is None else next(numbered) for part in found]
-    measured, shifts = _joined(parts)
-    locations = tuple(
-        number + shift
-        for part, shift in zip(found, shifts, strict=True) if part.raw is not None
-        for number in range(1, len(part.raw.locations) + 1)
-    )  # fmt: skip
-    return Loaded(measured, replace(raw, locations=locations)).apart_from_copies()
-
-
-def _joined(parts: Sequence[Measurement]) -> tuple[Measurement, list[int]]:
-    """Bags of one arm as one measurement, and how far up the location numbers of each were moved
-    so that none is used twice."""
-    first = parts[0]
-    if len(parts) == 1:
-        return first, [0]
-    sets: list[ProbingSet] = []
-    used: set[int] = set()
-    shifts: list[int] = []
-    for part in parts:
-        refuse_other_instruments(part, first)
-        if not np.array_equal(part.arm.geometry, first.arm.geometry):
-            raise DataError(f'{part.source}: other nominal parameters than in {first.source}')
-        if part.gauge != first.gauge:
-            raise DataError(f'{part.source}: another gauge than in {first.source}')
-        own = set(map(int, part.poses.location))
-        shift = max(used) + 1 - min(own) if own & used else 0
-        used |= {number + shift for number in own}
-        shifts.append(shift)
-        poses = part.poses
-        sets.append(
-            ProbingSet(
-                np.asarray(poses.location) + shift, poses.sphere, poses.joints,
-                poses.displacement, poses.stamp, poses.readings,
-            )
-        )  # fmt: skip
-    source = ', '.join(part.source for part in parts)
-    joined = ProbingSet.joined(sets)
-    return Measurement(first.arm, first.probe, first.gauge, joined, source), shifts
 
 
 @dataclass(frozen=True)
@@ -264,15 +132,6 @@ def with_urdf(urdf: str, output: str, calibrated: Callable[[], Calibration]) -> 
     measured = finished.done.problem.measured
     path = write_corrected_urdf(output, own, measured.arm, finished.done.arm, urdf)
     return replace(finished, written=(*finished.written, path))
-
-
-def _cut(bags: Sequence[str]) -> tuple[str, ...]:
-    """A line for each file that ends before its end."""
-    return tuple(
-        f'{file}: cut short, what was whole is used; ros2 run calib_capture recover says how much '
-        'that is'
-        for bag in bags for file in cut_files(bag)
-    )  # fmt: skip
 
 
 def _inputs(sources: Sources, test: Sequence[str]) -> Inputs:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.probing import Measurement, ProbingSet
+from calib_model.measurement import Measurement, ProbingSet
 from calib_solver.identification import Identification
 
 #: multipliers of a sum that hardly two rows share

@@ -6,14 +6,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from calib_model.bag_writer import write_whole
-from calib_model.description import probe_yaml
+from calib_model.descriptions import probe_yaml
 from calib_model.errors import CalibrationError
-from calib_solver.loading import Sources, load
-from calib_solver.probe_fit import fit_probe
+from calib_model.files import write_whole
+from calib_solver.calibration.sources import Sources, load
+from calib_solver.fitting import fit_probe
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
-from calib_solver.result import Record, probe_fit_record, sphere_records, transform_record
+from calib_solver.results import Record, probe_fit_record, sphere_records, transform_record
 
 
 @dataclass(frozen=True)

@@ -8,21 +8,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib_model.bag import read_measurement
-from calib_model.bag_files import listed_topics
-from calib_model.bag_reader import Told, read_messages
+from calib_model.arrays import Array
+from calib_model.bags import Told, listed_topics, read_measurement, read_messages
 from calib_model.errors import BagError
-from calib_model.probing import Measurement
-from calib_model.raw_measurement import (
+from calib_model.labelling import (
     Instruments,
+    Numbering,
     RawChoice,
     Sorted,
     numbering_of,
+    renumbered,
     sort_bag,
     with_numbers,
 )
-from calib_model.rotation import Array
-from calib_model.sphere_numbering import Numbering, renumbered
+from calib_model.measurement import Measurement
 from calib_model.topics import CAPTURE_POSES
 from calib_solver.quality import ProbedSpheres
 
@@ -100,9 +99,7 @@ class RawSpheres:
             seen.append(np.array([_center(spheres, one) for one in rows]))
             variance.append(np.array([_variance(spheres, one) for one in rows]))
         certificate = self.parts[0].certificate
-        return replace(
-            self, numbering=renumbered(self.numbering, certificate, seen, variance)
-        )  # fmt: skip
+        return replace(self, numbering=renumbered(self.numbering, certificate, seen, variance))
 
     def relabelled(self, measured: Measurement, before: Numbering) -> Measurement:
         """A measurement numbered as `before`, numbered as now."""

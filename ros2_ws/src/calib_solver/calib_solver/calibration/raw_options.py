@@ -5,10 +5,9 @@ from __future__ import annotations
 
 from argparse import Namespace
 
-from calib_model.bounds import PAIRING
-from calib_model.command import CommandParser, UsageError, number_from
-from calib_model.raw_measurement import RawChoice
-from calib_model.raw_streams import RawTopics
+from calib_model.command_line import CommandParser, UsageError, number_from
+from calib_model.labelling import RawChoice
+from calib_model.pairing import PAIRING, RawTopics
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
 
 MOTIONS = {'auto': None, 'standing': True, 'led': False}
@@ -30,27 +29,40 @@ def add_raw_arguments(parser: CommandParser) -> None:
         '--joint-states', default=JOINT_STATES.name, metavar='TOPIC', help='default: %(default)s'
     )
     group.add_argument(
-        '--displacements', default=PROBE_DISPLACEMENTS.name, metavar='TOPIC',
+        '--displacements',
+        default=PROBE_DISPLACEMENTS.name,
+        metavar='TOPIC',
         help='default: %(default)s',
-    )  # fmt: skip
+    )
     group.add_argument(
-        '--joints', nargs='+', default=[], metavar='NAME',
+        '--joints',
+        nargs='+',
+        default=[],
+        metavar='NAME',
         help="the arm's joints by their names in the bag, base first (default: the description's)",
-    )  # fmt: skip
+    )
     group.add_argument(
-        '--spheres', nargs='+', type=int, default=[], metavar='N',
+        '--spheres',
+        nargs='+',
+        type=int,
+        default=[],
+        metavar='N',
         help='numbers of the spheres that were probed (default: told from their distances)',
-    )  # fmt: skip
+    )
     group.add_argument(
-        '--motion', default='auto', metavar='HOW',
+        '--motion',
+        default='auto',
+        metavar='HOW',
         help='standing: the arm stopped for each pose; led: it was led around the spheres in '
         'contact; auto (default): the data tell',
-    )  # fmt: skip
+    )
     for name, text in SETTINGS.items():
         group.add_argument(
-            f'--{name.replace("_", "-")}', type=number_from(*PAIRING[name]), metavar='X',
+            f'--{name.replace("_", "-")}',
+            type=number_from(*PAIRING[name]),
+            metavar='X',
             help=f'{text} (as captured)',
-        )  # fmt: skip
+        )
     group.add_argument(
         '--raw', action='store_true', help='take bags for raw ones that have poses, too'
     )

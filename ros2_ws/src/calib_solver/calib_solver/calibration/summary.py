@@ -4,10 +4,9 @@
 from __future__ import annotations
 
 from calib_model.errors import LONGEST_LINE
-from calib_solver.loading import Calibration
+from calib_solver.calibration.calibration import Calibration
 from calib_solver.quality import Quality
-from calib_solver.resampling_record import resampling_lines
-from calib_solver.result import Record, quality_record
+from calib_solver.results import Record, quality_record, resampling_lines
 
 ROWS = (
     ('distance error, mean', 'distance', 'mean'),
@@ -18,7 +17,7 @@ ROWS = (
 )
 
 
-def summary(calibration: Calibration) -> str:
+def summary_text(calibration: Calibration) -> str:
     """The table in mm, what was not identifiable, warnings first if there are any, the files."""
     done = calibration.done
     lines = list(calibration.notes)

@@ -7,16 +7,21 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 
-from calib_model.command import CommandParser, UsageError, run_command
+from calib_model.command_line import CommandParser, UsageError, run_command
 from calib_model.progress import Progress
-from calib_solver.identification import Options
-from calib_solver.joint_error_choice import chosen_kinds
-from calib_solver.loading import Calibration, Effort, Sources, calibrate, with_urdf
-from calib_solver.objectives import OBJECTIVES
-from calib_solver.prior import chosen_prior
-from calib_solver.raw_options import add_raw_arguments, raw_choice
+from calib_solver.calibration import (
+    Calibration,
+    Effort,
+    Sources,
+    add_raw_arguments,
+    calibrate,
+    raw_choice,
+    summary_text,
+    with_urdf,
+)
+from calib_solver.error_models import chosen_kinds
+from calib_solver.fitting import OBJECTIVES, Options, chosen_prior
 from calib_solver.resampling import Plan
-from calib_solver.summary import summary
 
 ABOUT = """\
 Identify the Denavit-Hartenberg parameters of an arm, and where the probe sits on its flange,
@@ -174,9 +179,14 @@ def run(argv: Sequence[str] | None = None) -> Calibration:
         chosen_kinds(given.joint_errors),
     )
     sources = Sources(
-        tuple(given.bag), given.arm, given.probe, given.gauge, given.links, raw_choice(given),
+        tuple(given.bag),
+        given.arm,
+        given.probe,
+        given.gauge,
+        given.links,
+        raw_choice(given),
         given.raw,
-    )  # fmt: skip
+    )
     test = [bag for group in given.test for bag in group]
     plan = Plan(given.monte_carlo, given.bootstrap, given.seed)
     effort = Effort(
@@ -187,7 +197,7 @@ def run(argv: Sequence[str] | None = None) -> Calibration:
     )
     if given.figures:
         # matplotlib takes longer to load than everything else together
-        from calib_solver.figures import save_figures
+        from calib_solver.report import save_figures
 
         drawn = save_figures(finished.done, given.figures, finished.held_out)
         finished = replace(finished, written=(*finished.written, *drawn))
@@ -196,7 +206,7 @@ def run(argv: Sequence[str] | None = None) -> Calibration:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point: exit code 0, or 2 and one line on stderr."""
-    return run_command(lambda: print(summary(run(argv))))
+    return run_command(lambda: print(summary_text(run(argv))))
 
 
 if __name__ == '__main__':

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from calib_model.arm import Arm, NDArrayBool
-from calib_model.jacobian import tool_motion
-from calib_model.rotation import Array, RigidTransform
+from calib_model.arrays import Array
+from calib_model.instruments import Arm, NDArrayBool
+from calib_model.kinematics import tool_motion
+from calib_model.transforms import RigidTransform
 
 EXACT = 1e-10  # m, and rad times LEVER
 LEVER = 0.3  # m: how much a turn of 1 rad counts for
@@ -41,9 +42,7 @@ class Targets:
 
     def take(self, rows: Rows) -> Targets:
         """Some of the targets."""
-        return Targets(
-            self.position[rows], None if self.rotation is None else self.rotation[rows]
-        )
+        return Targets(self.position[rows], None if self.rotation is None else self.rotation[rows])
 
 
 @dataclass(frozen=True)
@@ -80,9 +79,13 @@ def reach(
     lower, upper = arm.limits.T
     for _ in range(arm.n + 1):
         q[rows], miss[rows] = _newton(
-            arm, tool, targets.take(rows), q[rows], free[rows],
+            arm,
+            tool,
+            targets.take(rows),
+            q[rows],
+            free[rows],
             back[rows] if back is not None else None,
-        )  # fmt: skip
+        )
         beyond = np.maximum(lower - q[rows], q[rows] - upper)
         worst = np.argmax(beyond, axis=1)
         out = (np.max(beyond, axis=1) > AT_LIMIT) & (miss[rows] < EXACT)
@@ -97,9 +100,13 @@ def reach(
 
 
 def _newton(
-    arm: Arm, tool: RigidTransform, targets: Targets, q: Array, free: NDArrayBool,
+    arm: Arm,
+    tool: RigidTransform,
+    targets: Targets,
+    q: Array,
+    free: NDArrayBool,
     stay: Array | None,
-) -> tuple[Array, Array]:  # fmt: skip
+) -> tuple[Array, Array]:
     """Postures and what they miss by (N,), m, after as many steps as it takes or `STEPS`.
 
     A step that leaves a target farther off is not taken but damped more.
@@ -132,9 +139,7 @@ def _newton(
     return q, miss
 
 
-def _equations(
-    arm: Arm, tool: RigidTransform, q: Array, targets: Targets
-) -> tuple[Array, Array]:
+def _equations(arm: Arm, tool: RigidTransform, q: Array, targets: Targets) -> tuple[Array, Array]:
     """What is left to go (N, m), m, and its derivative by the joints (N, m, n), m/rad."""
     now = tool_motion(arm, q, tool)
     gap = targets.position - now.position

@@ -15,16 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from calib_model.arm import Arm, NDArrayBool
-from calib_model.correction import Correction, parse_correction
-from calib_model.description import parse_arm, parse_probe, read_description
+from calib_model.arrays import Array, frozen
+from calib_model.descriptions import parse_arm, parse_correction, parse_probe, read_description
 from calib_model.errors import CalibrationError, DataError
-from calib_model.file_content import file_content
-from calib_model.jacobian import tool_motion
-from calib_model.parameters import ParameterTable
-from calib_model.probe import PassiveProbe, Probe
-from calib_model.rotation import Array, RigidTransform, frozen
-from calib_solver.tool_inverse import EXACT, Reached, Rows, Targets, reach
+from calib_model.files import file_content
+from calib_model.instruments import Arm, NDArrayBool, PassiveProbe, Probe
+from calib_model.kinematics import Correction, ParameterTable, tool_motion
+from calib_model.transforms import RigidTransform
+from calib_solver.compensation.inverse_kinematics import EXACT, Reached, Rows, Targets, reach
 
 ROUNDS = 6  # between encoder readings and joints
 TRIES = 15  # postures a nominal answer is looked for from

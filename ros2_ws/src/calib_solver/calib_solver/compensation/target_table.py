@@ -11,9 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
+from calib_model.arrays import Array
 from calib_model.errors import TableError
-from calib_model.file_content import file_content
-from calib_model.rotation import Array, rotation_matrix
+from calib_model.files import file_content
+from calib_model.transforms import rotation_matrix
 
 POSITION = ('x', 'y', 'z')
 VECTOR = ('rx', 'ry', 'rz')
@@ -64,16 +65,24 @@ def read_targets(path: str | Path, n: int) -> TargetTable:
     header, rows, lines = _cells(text, source)
     _check_header(header, n, source)
     limits = [math.inf if name == TIME else FARTHEST for name in header]
-    values = np.array([
-        [_number(cell, f'{source}, line {line}, column {name}', limit)
-         for name, cell, limit in zip(header, row, limits, strict=True)]
-        for row, line in zip(rows, lines, strict=True)
-    ])  # fmt: skip
+    values = np.array(
+        [
+            [
+                _number(cell, f'{source}, line {line}, column {name}', limit)
+                for name, cell, limit in zip(header, row, limits, strict=True)
+            ]
+            for row, line in zip(rows, lines, strict=True)
+        ]
+    )
     columns = {name: values[:, i] for i, name in enumerate(header)}
     found = TargetTable(
-        source, tuple(lines), _block(columns, POSITION), None, _block(columns, _joints(n)),
+        source,
+        tuple(lines),
+        _block(columns, POSITION),
+        None,
+        _block(columns, _joints(n)),
         columns.get(TIME),
-    )  # fmt: skip
+    )
     rotation = _rotations(columns, found)
     return TargetTable(**{**vars(found), 'rotation': rotation})
 

@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from calib_model.arm import Arm
-from calib_model.bag_writer import write_whole
+from calib_model.arrays import Array
 from calib_model.errors import CalibrationError, DescriptionError
-from calib_model.kinematics import forward
-from calib_model.rotation import Array, rotation_matrix
-from calib_model.serial_chain import ChainJoint, SerialChain, read_chain
-from calib_model.urdf import rigid_parts
-from calib_model.urdf_origins import with_origins
+from calib_model.files import write_whole
+from calib_model.instruments import Arm
+from calib_model.kinematics import forward_kinematics
+from calib_model.transforms import rotation_matrix
+from calib_model.urdf import ChainJoint, SerialChain, read_chain, rigid_parts, with_origins
 
 #: m: further apart, arm description and URDF do not mean the same arm or not the same joint zeros
 SAME_ARM = 0.02
@@ -38,13 +37,19 @@ def corrected_urdf(text: bytes, nominal: Arm, identified: Arm, source: str = 'UR
     names = tuple(joint.name for joint in chain.turning)
     if names != identified.joint_names:
         raise DescriptionError(
-            source, '', f'its joints are {", ".join(names)}: '
-            f'expected {", ".join(identified.joint_names)} as in the arm description'
-        )  # fmt: skip
+            source,
+            '',
+            f'its joints are {", ".join(names)}: '
+            f'expected {", ".join(identified.joint_names)} as in the arm description',
+        )
     _refuse_another_arm(chain, nominal, source)
     new = with_origins(text, corrected_origins(chain, nominal, identified, source), source)
     q = _postures(identified)
-    off = float(np.abs(pinocchio_poses(new, identified, q, source) - forward(identified, q)).max())
+    off = float(
+        np.abs(
+            pinocchio_poses(new, identified, q, source) - forward_kinematics(identified, q)
+        ).max()
+    )
     if not off < EXACT:
         raise CalibrationError(
             f'{source}: read back, the corrected origins are {off:.2g} m off the identified arm'
@@ -143,16 +148,18 @@ def _onto_axis(guess: Array, axis: Array) -> Array:
 
 def _refuse_another_arm(chain: SerialChain, nominal: Arm, source: str) -> None:
     q = _postures(nominal)
-    said = forward(nominal, q)
+    said = forward_kinematics(nominal, q)
     off = max(
         float(np.linalg.norm(chain.forward(row)[:3, 3] - pose[:3, 3]))
         for row, pose in zip(q, said, strict=True)
     )
     if not off < SAME_ARM:
         raise DescriptionError(
-            source, '', f'its {chain.flange} is up to {1e3 * off:.0f} mm off the arm description '
-            f'{nominal.name!r}: expected the URDF of the same arm and the same joint zeros'
-        )  # fmt: skip
+            source,
+            '',
+            f'its {chain.flange} is up to {1e3 * off:.0f} mm off the arm description '
+            f'{nominal.name!r}: expected the URDF of the same arm and the same joint zeros',
+        )
 
 
 def _postures(arm: Arm) -> Array:

@@ -14,22 +14,39 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.correction import Attitude, Correction, Shift
+from calib_model.arrays import Array
 from calib_model.errors import DataError
-from calib_model.joint_errors import JointErrors, JointTerms, harmonic_basis
-from calib_model.kinematics import forward
-from calib_model.parameters import ParameterTable
-from calib_model.rotation import Array
-from calib_solver.leaving_out import FEWEST_LOCATIONS, Gain, LeavingOut
-from calib_solver.problem import IntArray, Problem
-from calib_solver.sums import accumulate_by, by_joint, point_jacobian
+from calib_model.kinematics import (
+    Attitude,
+    Correction,
+    JointErrors,
+    JointTerms,
+    ParameterTable,
+    Shift,
+    forward_kinematics,
+    harmonic_basis,
+)
+from calib_solver.error_models.validation_gain import FEWEST_LOCATIONS, Gain, LeavingOut
+from calib_solver.problem import IntArray, Problem, accumulate_by, by_joint, point_jacobian
 
 CHOICES = ('off', 'auto', 'harmonic')
 #: orders of `turn` and of `shift`, and whether with `attitude`, that are tried
 BASES = (
-    (1, 0, 0), (2, 0, 0), (3, 0, 0), (0, 1, 0), (0, 2, 0), (2, 1, 0), (2, 2, 0), (3, 2, 0),
-    (0, 0, 1), (1, 0, 1), (2, 0, 1), (2, 1, 1), (2, 2, 1), (3, 2, 1),
-)  # fmt: skip
+    (1, 0, 0),
+    (2, 0, 0),
+    (3, 0, 0),
+    (0, 1, 0),
+    (0, 2, 0),
+    (2, 1, 0),
+    (2, 2, 0),
+    (3, 2, 0),
+    (0, 0, 1),
+    (1, 0, 1),
+    (2, 0, 1),
+    (2, 1, 1),
+    (2, 2, 1),
+    (3, 2, 1),
+)
 #: how firmly: times the weight that the poses' noise gives a coefficient of these sizes
 STRENGTHS = (1.0, 10.0, 100.0, 1000.0, 10000.0)
 TURN_SIGMA = 1e-4  # rad, of the first order; the k-th has a k-th of it
@@ -88,9 +105,7 @@ def fit_correction(
     def evaluate(rows: IntArray) -> tuple[Array, Array]:
         return columns.at(problem, table, full, rows)
 
-    judge = LeavingOut(
-        problem, accumulate_by(problem, columns.count, evaluate), OBJECTIVE, kappa
-    )
+    judge = LeavingOut(problem, accumulate_by(problem, columns.count, evaluate), OBJECTIVE, kappa)
     nothing = np.zeros(columns.count)
     without = judge.scores(np.zeros(0, dtype=np.int64), nothing, nothing)
     found = {
@@ -114,11 +129,18 @@ def fit_correction(
     names = problem.measured.arm.joint_names
     turn, shift, attitude = basis
     return CorrectionChoice(
-        accepted, verdict, turn, shift, bool(attitude), strength, gain,
+        accepted,
+        verdict,
+        turn,
+        shift,
+        bool(attitude),
+        strength,
+        gain,
         (without.two_sigma_rms, scores.two_sigma_rms),
-        (without.distance_rms, scores.distance_rms), len(judge.folds),
+        (without.distance_rms, scores.distance_rms),
+        len(judge.folds),
         columns.correction(step, basis, names, table.joint_errors(full)) if accepted else None,
-    )  # fmt: skip
+    )
 
 
 def _words(turn: int, shift: int, attitude: int) -> str:
@@ -137,10 +159,13 @@ class _Columns:
         self.first_shift = 2 * turns * n
         self.first_attitude = self.first_shift + 6 * shifts * n
         self.count = self.first_attitude + 27
-        order = np.concatenate([
-            np.repeat(np.arange(1, turns + 1), 2 * n), np.repeat(np.arange(1, shifts + 1), 6 * n),
-            np.ones(27),
-        ])  # fmt: skip
+        order = np.concatenate(
+            [
+                np.repeat(np.arange(1, turns + 1), 2 * n),
+                np.repeat(np.arange(1, shifts + 1), 6 * n),
+                np.ones(27),
+            ]
+        )
         sigma = np.where(np.arange(self.count) < self.first_shift, TURN_SIGMA, SHIFT_SIGMA)
         self.information: Array = (order / sigma) ** 2
 
@@ -158,11 +183,9 @@ class _Columns:
         moved = by_joint(table, problem.measured.arm, jacobian)
         basis = harmonic_basis(problem.joints[rows], max(self.turns, self.shifts))
         by_turn = moved[:, :, None, :] * basis[:, None, : 2 * self.turns]
-        by_shift = (
-            np.eye(3)[None, :, None, :, None] * basis[:, None, : 2 * self.shifts, None, :]
-        )
+        by_shift = np.eye(3)[None, :, None, :, None] * basis[:, None, : 2 * self.shifts, None, :]
         arm, _ = table.apply(full, problem.measured.arm, problem.measured.probe)
-        turned = forward(arm, problem.joints[rows])[:, :3, :3].reshape(-1, 1, 1, 9)
+        turned = forward_kinematics(arm, problem.joints[rows])[:, :3, :3].reshape(-1, 1, 1, 9)
         parts = (by_turn, by_shift, np.eye(3)[None, :, :, None] * turned)
         return point, np.concatenate([part.reshape(len(rows), 3, -1) for part in parts], axis=2)
 

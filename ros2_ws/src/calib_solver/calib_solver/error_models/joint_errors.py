@@ -8,15 +8,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib_model.arrays import Array
 from calib_model.errors import DataError
-from calib_model.gravity import Links
-from calib_model.joint_errors import COMPLIANCE, ENCODER, ENCODER_HARMONICS, KINDS, JointTerms
-from calib_model.parameters import ParameterTable
-from calib_model.rotation import Array
-from calib_solver.leaving_out import FEWEST_LOCATIONS, Gain, LeavingOut
-from calib_solver.prior import Prior
-from calib_solver.problem import IntArray, Problem
-from calib_solver.sums import SphereSums
+from calib_model.kinematics import (
+    COMPLIANCE,
+    ENCODER,
+    ENCODER_HARMONICS,
+    KINDS,
+    JointTerms,
+    Links,
+    ParameterTable,
+)
+from calib_solver.error_models.validation_gain import FEWEST_LOCATIONS, Gain, LeavingOut
+from calib_solver.fitting import Prior
+from calib_solver.problem import IntArray, Problem, SphereSums
 
 #: a joint on which gravity's torque stays below this (N m) says nothing of its compliance
 LEAST_TORQUE = 1e-6
@@ -145,7 +150,8 @@ def choose_joint_errors(
 def _columns(table: ParameterTable, kind: str) -> IntArray:
     """Places of a kind of joint error among the free columns; '' are all that is none."""
     found = [
-        i for i, parameter in enumerate(table.free)
+        i
+        for i, parameter in enumerate(table.free)
         if parameter.kind == kind or (not kind and parameter.kind not in KINDS)
-    ]  # fmt: skip
+    ]
     return np.array(found, dtype=np.int64)

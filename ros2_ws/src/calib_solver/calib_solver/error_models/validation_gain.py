@@ -11,11 +11,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from calib_model.rotation import Array
-from calib_solver.objectives import Quadratic, distance_errors, objective, repeatability_weights
-from calib_solver.problem import IntArray, Problem
-from calib_solver.selection import gathered, take_groups
-from calib_solver.sums import SphereSums
+from calib_model.arrays import Array
+from calib_solver.fitting import Quadratic, distance_errors, objective, repeatability_weights
+from calib_solver.problem import IntArray, Problem, SphereSums, gathered, take_groups
 
 #: fewer locations than this do not tell gain from luck
 FEWEST_LOCATIONS = 4
@@ -91,9 +89,12 @@ class Scores:
         change = 0.5 * np.log((own + ROUNDING**2) / (other + ROUNDING**2))
         error = change.std(ddof=1) / np.sqrt(len(change))
         return Gain(
-            float(change.mean()), float(error),
-            float(np.sqrt(other.mean())), float(np.sqrt(own.mean())), len(change),
-        )  # fmt: skip
+            float(change.mean()),
+            float(error),
+            float(np.sqrt(other.mean())),
+            float(np.sqrt(own.mean())),
+            len(change),
+        )
 
 
 class LeavingOut:
@@ -158,6 +159,8 @@ class LeavingOut:
         bent = np.einsum('f,sfg,g->s', step, sums.normal[fold], step)
         spread = sums.spread[fold].sum(axis=1) + 2 * sums.gradient[fold] @ step + bent
         return (
-            float(weight @ np.maximum(spread, 0.0)), 3.0 * int((weight > 0).sum()),
-            float(error @ error), float(len(error)),
-        )  # fmt: skip
+            float(weight @ np.maximum(spread, 0.0)),
+            3.0 * int((weight > 0).sum()),
+            float(error @ error),
+            float(len(error)),
+        )

@@ -8,12 +8,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from calib_model.arrays import Array
 from calib_model.errors import DataError
-from calib_model.parameters import LENGTHS, ParameterTable
-from calib_model.rotation import Array
-from calib_solver.objectives import distance_errors, distance_repeatability
-from calib_solver.problem import Problem
-from calib_solver.sums import SphereSums
+from calib_model.kinematics import LENGTHS, ParameterTable
+from calib_solver.fitting import distance_errors, distance_repeatability
+from calib_solver.problem import Problem, SphereSums
 
 #: distance errors that one sphere's place explains to this share are its fault
 SHARE = 0.7
@@ -110,9 +109,7 @@ def named_numbers(problem: Problem, center: Array) -> tuple[str, ...]:
         return ()
     measured = _distances(problem, center)
     now = _rms(measured - problem.nominal)
-    found = [
-        (_rms(measured - nominal), text) for text, nominal in _other_numbers(problem)
-    ]  # fmt: skip
+    found = [(_rms(measured - nominal), text) for text, nominal in _other_numbers(problem)]
     error, text = min(found, default=(np.inf, ''))
     if not error < now / BETTER or _by_one_sphere(problem, measured) < SIMPLER * error:
         return ()
@@ -140,10 +137,11 @@ def _other_numbers(problem: Problem) -> Iterator[tuple[str, Array]]:
     place = {number: row for row, number in enumerate(known)}
     probed = [place[int(number)] for number in problem.keys[:, 1]]
     others = {
-        f'every sphere number {"higher" if by > 0 else "lower"} by {abs(by)}':
-            [row + by for row in probed]
+        f'every sphere number {"higher" if by > 0 else "lower"} by {abs(by)}': [
+            row + by for row in probed
+        ]
         for by in SHIFTS
-    }  # fmt: skip
+    }
     others['spheres counted from the other end'] = [len(known) - 1 - row for row in probed]
     for text, rows in others.items():
         if min(rows) < 0 or max(rows) >= len(known):

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib_model.kinematics import point_derivatives
-from calib_model.parameters import ParameterTable
-from calib_model.probing import Measurement, ProbingSet
-from calib_model.rotation import Array
+from calib_model.arrays import Array
+from calib_model.kinematics import ParameterTable, point_derivatives
+from calib_model.measurement import Measurement, ProbingSet
+from calib_solver.faults.residual_projection import Unexplained
 from calib_solver.problem import IntArray, Problem
-from calib_solver.unexplained import Unexplained
 
 #: a jump back has to explain so much of what a jump for good leaves
 BETTER = 0.5
@@ -76,8 +75,13 @@ def _best(residuals: Unexplained, joint: int, by_jump: Array, moments: IntArray)
     gain = np.where(told, fits**2 / np.where(told, square, 1.0), 0.0)
     best = int(np.argmax(gain))
     for_good = float(residuals.share(gain[best]))
-    found = Jump(for_good, joint, float(fits[best] / square[best]) if told[best] else 0.0,
-                 int(moments[best]) + 1, None)  # fmt: skip
+    found = Jump(
+        for_good,
+        joint,
+        float(fits[best] / square[best]) if told[best] else 0.0,
+        int(moments[best]) + 1,
+        None,
+    )
     # there at one moment and back at another: the difference of two columns
     apart = square[:, None] + square - 2 * among
     whole = np.maximum(square[:, None], square)
@@ -129,9 +133,11 @@ def _closed_in_on(
         return Jump(0.0, joint, 0.0, 1, None)
     last = None if there[-1] == when[-1] else int(there[-1]) + 1
     return _sized(
-        measured, table, sigma,
+        measured,
+        table,
+        sigma,
         Jump(0.0, joint, float(np.median(off[there])), int(there[0]) + 1, last),
-    )  # fmt: skip
+    )
 
 
 def _sized(measured: Measurement, table: ParameterTable, sigma: Array, jump: Jump) -> Jump:

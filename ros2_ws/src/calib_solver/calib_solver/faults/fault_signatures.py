@@ -14,13 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.arm import Arm
-from calib_model.kinematics import point_derivatives
-from calib_model.parameters import ParameterTable
-from calib_model.probe import ActiveProbe, Probe
-from calib_solver.jumps import likely_jumps
+from calib_model.instruments import ActiveProbe, Arm, Probe
+from calib_model.kinematics import ParameterTable, point_derivatives
+from calib_solver.faults.encoder_jumps import likely_jumps
+from calib_solver.faults.residual_projection import Unexplained
 from calib_solver.problem import IntArray, Problem
-from calib_solver.unexplained import Unexplained
 
 #: so many poses are looked at, and so many moments at which an encoder may have jumped
 POSES, MOMENTS = 1000, 60

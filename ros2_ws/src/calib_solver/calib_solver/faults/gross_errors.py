@@ -14,12 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.arm import Arm
-from calib_model.probe import Probe
-from calib_model.rotation import Array
+from calib_model.arrays import Array
+from calib_model.instruments import Arm, Probe
+from calib_solver.faults.stuck_styli import Stretch, set_apart, stuck_stretches
 from calib_solver.problem import IntArray, Problem
 from calib_solver.quality import probed_points
-from calib_solver.stuck import Stretch, set_apart, stuck_stretches
 
 #: a pose this many times further out than the median does not belong; normal noise along a single
 #: direction, the most straggling kind, gets there once in ten million poses
@@ -127,9 +126,7 @@ def _without_stuck(times: Array, stretch: IntArray) -> Mask:
     return judged
 
 
-def _stuck_lines(
-    stretches: tuple[Stretch, ...], stretch: IntArray, kept: Mask
-) -> tuple[str, ...]:
+def _stuck_lines(stretches: tuple[Stretch, ...], stretch: IntArray, kept: Mask) -> tuple[str, ...]:
     """A line for each stretch that is left out, and for each that could not be judged."""
     lines = []
     for number, one in enumerate(stretches, start=1):
@@ -189,9 +186,7 @@ def _distance_errors(problem: Problem, arm: Arm, probe: Probe, kept: Mask) -> Ar
     return np.linalg.norm(centers[first] - centers[second], axis=1) - problem.nominal
 
 
-def _judged_distances(
-    problem: Problem, arm: Arm, probe: Probe, kept: Mask
-) -> tuple[Array, Array]:
+def _judged_distances(problem: Problem, arm: Arm, probe: Probe, kept: Mask) -> tuple[Array, Array]:
     """The size of each distance error (M,) and what certificate and poses allow it, m."""
     error = np.abs(_distance_errors(problem, arm, probe, kept))
     gauge = problem.measured.gauge

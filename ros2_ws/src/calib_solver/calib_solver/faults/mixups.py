@@ -15,15 +15,15 @@ from typing import Any
 
 import numpy as np
 
+from calib_model.arrays import Array
 from calib_model.errors import CalibrationError
-from calib_model.parameters import ParameterTable
-from calib_model.probe import ActiveProbe
-from calib_model.probing import Measurement, ProbingSet
-from calib_model.rotation import Array
-from calib_solver.jumps import large_jumps
-from calib_solver.prior import DEFAULT_PRIOR
+from calib_model.instruments import ActiveProbe
+from calib_model.kinematics import ParameterTable
+from calib_model.measurement import Measurement, ProbingSet
+from calib_solver.faults.encoder_jumps import large_jumps
+from calib_solver.faults.residual_projection import rough_spread
+from calib_solver.fitting import DEFAULT_PRIOR
 from calib_solver.problem import IntArray, Problem
-from calib_solver.unexplained import rough_spread
 
 #: so many poses are enough to tell a mix-up
 POSES = 280

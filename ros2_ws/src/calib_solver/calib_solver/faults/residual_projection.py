@@ -10,11 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib_model.arm import Arm
-from calib_model.jacobian import probing_jacobian
-from calib_model.parameters import ParameterTable
-from calib_model.probe import Probe
-from calib_model.rotation import Array
+from calib_model.arrays import Array
+from calib_model.instruments import Arm, Probe
+from calib_model.kinematics import ParameterTable, probing_jacobian
 from calib_solver.problem import IntArray, Problem
 
 #: residuals of this size (m) pull as much as a parameter that is off by its standard deviation
@@ -30,9 +28,14 @@ class Unexplained:
     """
 
     def __init__(
-        self, problem: Problem, table: ParameterTable, arm: Arm, probe: Probe, rows: IntArray,
+        self,
+        problem: Problem,
+        table: ParameterTable,
+        arm: Arm,
+        probe: Probe,
+        rows: IntArray,
         sigma: Array | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.joints, self.p_probe = problem.joints[rows], problem.centers[rows]
         self.arm, self.probe = arm, probe
         self.when = problem.order[rows]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.probing import Measurement
+from calib_model.measurement import Measurement
 from calib_solver.problem import IntArray, Problem
 
 #: so many poses on end with the same reading of one stylus are no chance

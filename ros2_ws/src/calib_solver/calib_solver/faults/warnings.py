@@ -7,19 +7,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib_model.arm import JOINT_PARAMETERS, Arm
-from calib_model.parameters import ParameterTable
-from calib_model.probe import Probe
-from calib_model.probing import Measurement
-from calib_model.rotation import Array
-from calib_solver.leanings import named_leanings
-from calib_solver.mixups import beyond_belief, named_mixups
-from calib_solver.options import Options
-from calib_solver.problem import Problem
+from calib_model.arrays import Array
+from calib_model.instruments import JOINT_PARAMETERS, Arm, Probe
+from calib_model.kinematics import ParameterTable
+from calib_model.measurement import Measurement
+from calib_solver.faults.fault_signatures import named_leanings
+from calib_solver.faults.gross_errors import SLIPPED, Rejected
+from calib_solver.faults.mixups import beyond_belief, named_mixups
+from calib_solver.fitting import Options, Solver, try_probe_fit
+from calib_solver.problem import Problem, accumulate
 from calib_solver.quality import Quality, assess
-from calib_solver.rejection import SLIPPED, Rejected
-from calib_solver.solving import Solver, try_probe_fit
-from calib_solver.sums import accumulate
 
 #: a pose's usual distance from its sphere's centre (m) below which nothing is mixed up
 SMALL = 3e-4
@@ -33,9 +30,16 @@ NAMED = 3
 
 
 def doubts_about_poses(
-    measured: Measurement, problem: Problem, table: ParameterTable, arm: Arm, probe: Probe,
-    quality: Quality, options: Options, rejected: Sequence[Rejected], known: bool,
-) -> tuple[str, ...]:  # fmt: skip
+    measured: Measurement,
+    problem: Problem,
+    table: ParameterTable,
+    arm: Arm,
+    probe: Probe,
+    quality: Quality,
+    options: Options,
+    rejected: Sequence[Rejected],
+    known: bool,
+) -> tuple[str, ...]:
     """Lines on what the residuals look like: something mixed up, or a fault's shadow.
 
     `measured` is all that was measured, `problem` what is left of it without the `rejected`, and

@@ -8,15 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib_model.arrays import Array
 from calib_model.errors import DataError
-from calib_model.parameters import ParameterTable
-from calib_model.rotation import Array
-from calib_solver.levenberg import minimise
-from calib_solver.objectives import Quadratic, distance_errors, objective, repeatability_weights
-from calib_solver.prior import Prior
-from calib_solver.problem import IntArray, Problem
-from calib_solver.selection import gathered, take_groups
-from calib_solver.sums import SphereSums, accumulate
+from calib_model.kinematics import ParameterTable
+from calib_solver.fitting.levenberg_marquardt import minimise
+from calib_solver.fitting.objectives import (
+    Quadratic,
+    distance_errors,
+    objective,
+    repeatability_weights,
+)
+from calib_solver.fitting.prior import Prior
+from calib_solver.problem import IntArray, Problem, SphereSums, accumulate, gathered, take_groups
 
 #: more locations than this are left out several at a time
 MOST_FOLDS = 10

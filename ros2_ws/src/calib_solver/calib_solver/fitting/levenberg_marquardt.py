@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calib_model.rotation import Array
-from calib_solver.objectives import Quadratic
+from calib_model.arrays import Array
+from calib_solver.fitting.objectives import Quadratic
 
 MOST_ITERATIONS = 100
 #: a step is small when no parameter moves by more than this part of its scale

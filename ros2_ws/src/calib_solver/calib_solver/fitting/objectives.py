@@ -13,11 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib_model.arrays import Array
 from calib_model.errors import DataError
-from calib_model.rotation import Array
-from calib_solver.placing import place_gauge
-from calib_solver.problem import IntArray, Problem
-from calib_solver.sums import SphereSums
+from calib_solver.problem import IntArray, Problem, SphereSums, place_gauge
 
 
 @dataclass(frozen=True)
@@ -96,9 +94,11 @@ def position(problem: Problem, sums: SphereSums) -> Quadratic:
     take up is projected out of the Jacobian (variable projection).
     """
     total = Quadratic(
-        float(sums.spread.sum()), sums.gradient.sum(axis=0), sums.normal.sum(axis=0),
+        float(sums.spread.sum()),
+        sums.gradient.sum(axis=0),
+        sums.normal.sum(axis=0),
         float(3 * np.maximum(sums.count - 1, 0).sum()),
-    )  # fmt: skip
+    )
     for rows in problem.placements:
         fitted = fit_placement(problem, sums, rows)
         residual, slope = fitted.residual, fitted.slope

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.parameters import ParameterTable
-from calib_model.rotation import Array
-from calib_solver.levenberg import Fit, modes
+from calib_model.arrays import Array
+from calib_model.kinematics import ParameterTable
+from calib_solver.fitting.levenberg_marquardt import Fit, modes
 
 #: a parameter is in an unseen direction when this part of it lies there
 SHARE = 0.1

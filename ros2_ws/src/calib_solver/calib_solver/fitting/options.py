@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from calib_model.gravity import Links
-from calib_solver.prior import DEFAULT_PRIOR, Prior
+from calib_model.kinematics import Links
+from calib_solver.fitting.prior import DEFAULT_PRIOR, Prior
 
 LOSSES = ('rejecting', 'plain')
 #: the objective that looks at distances and poses alike

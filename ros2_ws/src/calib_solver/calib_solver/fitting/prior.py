@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from calib_model.description import read_description
+from calib_model.arrays import Array
+from calib_model.descriptions import read_description
 from calib_model.errors import DescriptionError
-from calib_model.fields import load_mapping
-from calib_model.parameters import DEFAULT_SIGMA, ParameterTable
-from calib_model.rotation import Array
+from calib_model.files import load_mapping
+from calib_model.kinematics import DEFAULT_SIGMA, ParameterTable
 
 #: what a real arm's model leaves unsaid is alike in neighbouring postures, so this many poses
 #: tell as much as one with an error of its own would

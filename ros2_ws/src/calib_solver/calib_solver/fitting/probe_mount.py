@@ -7,16 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib_model.arrays import Array
 from calib_model.errors import RankError
-from calib_model.parameters import ParameterTable
-from calib_model.probe import PassiveProbe
-from calib_model.rotation import Array, RigidTransform, left_jacobian, rotation_vector
-from calib_solver.levenberg import minimise
-from calib_solver.objectives import Quadratic, distance_errors
-from calib_solver.prior import DEFAULT_SIGMA
-from calib_solver.probe_linear import LinearFit, solve_linear
-from calib_solver.problem import Problem
-from calib_solver.sums import SphereSums, accumulate
+from calib_model.instruments import PassiveProbe
+from calib_model.kinematics import DEFAULT_SIGMA, ParameterTable
+from calib_model.transforms import RigidTransform, left_jacobian, rotation_vector
+from calib_solver.fitting.levenberg_marquardt import minimise
+from calib_solver.fitting.objectives import Quadratic, distance_errors
+from calib_solver.fitting.probe_mount_linear import LinearFit, solve_linear
+from calib_solver.problem import Problem, SphereSums, accumulate
 
 #: a rotation of P less sure than this (rad) is no rotation at all
 LARGEST_ROTATION_UNCERTAINTY = 0.2

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib_model.arrays import Array
 from calib_model.errors import RankError
-from calib_model.kinematics import forward
-from calib_model.rotation import Array, nearest_rotation
+from calib_model.kinematics import forward_kinematics
+from calib_model.transforms import nearest_rotation
 from calib_solver.problem import Problem
 
 #: singular values of the scaled A below this part of the largest are rounding
@@ -64,7 +65,7 @@ def solve_linear(problem: Problem) -> LinearFit:
     triangles = []
     for sphere in range(len(problem.keys)):
         rows = problem.rows(sphere)
-        T_base_flange = forward(problem.measured.arm, problem.joints[rows])
+        T_base_flange = forward_kinematics(problem.measured.arm, problem.joints[rows])
         matrix, right = linear_system(T_base_flange, problem.centers[rows])
         stacked = np.concatenate([matrix[:, :MOUNT_UNKNOWNS], right[:, None]], axis=1)
         stacked = stacked.reshape(-1, 3, MOUNT_UNKNOWNS + 1)

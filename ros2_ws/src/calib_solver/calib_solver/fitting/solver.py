@@ -8,19 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib_model.arm import Arm
+from calib_model.arrays import Array
 from calib_model.errors import DataError, FitError, RankError
-from calib_model.parameters import ParameterTable
-from calib_model.probe import PassiveProbe, Probe
-from calib_model.rotation import Array
-from calib_solver.cross_validation import CrossValidation, choose_strength
-from calib_solver.levenberg import ROUNDING, Fit, minimise
-from calib_solver.objectives import Objective, Quadratic, objective
-from calib_solver.options import Options
-from calib_solver.probe_fit import ProbeFit, fit_probe
-from calib_solver.problem import Problem
-from calib_solver.sums import SphereSums
-from calib_solver.uncertainty import pose_variance
+from calib_model.instruments import Arm, PassiveProbe, Probe
+from calib_model.kinematics import ParameterTable
+from calib_solver.fitting.cross_validation import CrossValidation, choose_strength
+from calib_solver.fitting.levenberg_marquardt import ROUNDING, Fit, minimise
+from calib_solver.fitting.objectives import Objective, Quadratic, objective
+from calib_solver.fitting.options import Options
+from calib_solver.fitting.probe_mount import ProbeFit, fit_probe
+from calib_solver.fitting.uncertainty import pose_variance
+from calib_solver.problem import Problem, SphereSums
 
 #: one pass over the poses, as `sums.accumulate` does it here, or others on other machines
 Accumulate = Callable[[Problem, ParameterTable, Array], SphereSums]
@@ -59,8 +57,11 @@ class Solver:
         """The minimum, started from where the last one was found."""
         fit = minimise(
             lambda x: self.value(problem, x),
-            self.start, self.scale, self.information, self.least_noise,
-        )  # fmt: skip
+            self.start,
+            self.scale,
+            self.information,
+            self.least_noise,
+        )
         self.start = fit.x
         self.iterations += fit.iterations
         self.evaluations += fit.evaluations

@@ -12,16 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.gauge import Gauge
-from calib_model.rotation import Array
-from calib_solver.objectives import (
+from calib_model.arrays import Array
+from calib_model.instruments import Gauge
+from calib_solver.fitting.objectives import (
     Quadratic,
     distance_errors,
     fit_placement,
     repeatability_weights,
 )
-from calib_solver.problem import IntArray, Problem
-from calib_solver.sums import SphereSums
+from calib_solver.problem import IntArray, Problem, SphereSums
 
 #: the data hold a direction by themselves where their weight is so many times the prior's
 BY_FAR = 100.0
@@ -101,9 +100,7 @@ def redundancy(sums: SphereSums) -> int:
     return 3 * int(np.maximum(sums.count - 1, 0).sum()) - sums.gradient.shape[1]
 
 
-def _told_and_untold(
-    hessian: Array, information: Array, strength: float
-) -> tuple[Array, Array]:
+def _told_and_untold(hessian: Array, information: Array, strength: float) -> tuple[Array, Array]:
     """The inverse (F, F) along what was held in the fit, and the covariance (F, F) of the rest: the
     prior's own, which had no weight where nothing was left over, or `UNKNOWN` without one."""
     sigma = np.full(len(information), UNKNOWN)

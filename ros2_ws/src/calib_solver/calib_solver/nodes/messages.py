@@ -34,13 +34,11 @@ from calib_interfaces.msg import (
     TwoSigmaQuality,
 )
 from geometry_msgs.msg import Point, Vector3
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from calib_model.topics import Topic
-from calib_solver.markers import Residuals
-from calib_solver.result import Record
+from calib_solver.nodes.residual_markers import Residuals
+from calib_solver.results import Record
 
 LINE_WIDTH = 0.0008  # m
 
@@ -172,15 +170,15 @@ def residual_markers(frame: str, shown: Sequence[Residuals]) -> MarkerArray:
     for number, one in enumerate(shown):
         red, green, blue, opacity = one.color
         marker = Marker(
-            header=header, ns=one.name, id=number, type=Marker.LINE_LIST, action=Marker.ADD,
-            scale=Vector3(x=LINE_WIDTH), color=ColorRGBA(r=red, g=green, b=blue, a=opacity),
+            header=header,
+            ns=one.name,
+            id=number,
+            type=Marker.LINE_LIST,
+            action=Marker.ADD,
+            scale=Vector3(x=LINE_WIDTH),
+            color=ColorRGBA(r=red, g=green, b=blue, a=opacity),
             points=[Point(x=x, y=y, z=z) for x, y, z in one.points.tolist()],
-        )  # fmt: skip
+        )
         marker.pose.orientation.w = 1.0
         markers.append(marker)
     return MarkerArray(markers=markers)
-
-
-def qos_of(topic: Topic) -> QoSProfile:
-    """The profile that a latched topic is published with."""
-    return QoSProfile(depth=topic.depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)

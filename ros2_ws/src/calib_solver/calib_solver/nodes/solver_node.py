@@ -17,31 +17,30 @@ from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
-from calib_model.command import run_command
+from calib_model.command_line import run_command
 from calib_model.errors import CalibrationError
-from calib_model.parameters_node import Parameters
-from calib_model.permitted import (
-    Folders,
-    NotPermittedError,
-    usual_reading,
-    usual_writing,
-)
-from calib_model.raw_measurement import RawChoice
-from calib_model.raw_streams import RawTopics
-from calib_model.run_node import NodeCommand, run_node
+from calib_model.files import Folders, NotPermittedError, usual_reading, usual_writing
+from calib_model.labelling import RawChoice
+from calib_model.nodes import NodeCommand, Parameters, qos_of, run_node
+from calib_model.pairing import RawTopics
 from calib_model.topics import SOLVER_MARKERS
-from calib_solver import messages
-from calib_solver.compensate import compensate_file, rows_of
-from calib_solver.evaluate import evaluation_record
-from calib_solver.fitting import fit_from
-from calib_solver.identification import Identification, Options
-from calib_solver.joint_error_choice import chosen_kinds
-from calib_solver.loading import Effort, Sources, bag_list, calibrate, with_urdf
-from calib_solver.markers import residuals
-from calib_solver.prior import chosen_prior
+from calib_solver.calibration import (
+    Effort,
+    Sources,
+    bag_list,
+    calibrate,
+    evaluation_record,
+    fit_from,
+    in_one_line,
+    with_urdf,
+)
+from calib_solver.compensation import TargetTable, compensate_file, rows_of
+from calib_solver.error_models import chosen_kinds
+from calib_solver.fitting import Options, chosen_prior
+from calib_solver.identification import Identification
+from calib_solver.nodes import messages
+from calib_solver.nodes.residual_markers import residuals
 from calib_solver.resampling import Plan
-from calib_solver.summary import in_one_line
-from calib_solver.target_table import TargetTable
 
 ABOUT = """\
 The solver: answers /identify (eq. 11), /fit_probe (eq. 15) and /evaluate on recorded bags,
@@ -98,7 +97,8 @@ def read_parameters(
         parameters.texts('schedulers', (), SCHEDULERS),
     )
     return (
-        parameters.number('magnification', 500.0, MAGNIFIED, 1.0, 1e6, on_magnification), opened
+        parameters.number('magnification', 500.0, MAGNIFIED, 1.0, 1e6, on_magnification),
+        opened,
     )
 
 
@@ -110,7 +110,7 @@ class SolverNode(Node):
         self._magnification, self._opened = read_parameters(self, self._magnify)
         self._last: Identification | None = None
         self._markers = self.create_publisher(
-            MarkerArray, SOLVER_MARKERS.name, messages.qos_of(SOLVER_MARKERS)
+            MarkerArray, SOLVER_MARKERS.name, qos_of(SOLVER_MARKERS)
         )
         short, long = ReentrantCallbackGroup(), _AtMost(LONG)
         services = (
@@ -144,11 +144,16 @@ class SolverNode(Node):
     def _identify(self, request: Identify.Request, response: Identify.Response) -> None:
         self._opened.permit(
             [
-                request.bag, request.test, *_descriptions(request), _path(request.prior),
-                request.urdf, request.links,
+                request.bag,
+                request.test,
+                *_descriptions(request),
+                _path(request.prior),
+                request.urdf,
+                request.links,
             ],
-            request.output, request.scheduler,
-        )  # fmt: skip
+            request.output,
+            request.scheduler,
+        )
         options = Options(
             request.objective or Options.objective,
             tuple(request.fix),
@@ -159,10 +164,17 @@ class SolverNode(Node):
             chosen_kinds(request.joint_errors),
         )
         plan = Plan(request.monte_carlo, request.bootstrap, request.seed)
-        finished = with_urdf(request.urdf, request.output, lambda: calibrate(
-            _with_raw(request), options, bag_list(request.test), request.output,
-            Effort(plan, request.scheduler),
-        ))  # fmt: skip
+        finished = with_urdf(
+            request.urdf,
+            request.output,
+            lambda: calibrate(
+                _with_raw(request),
+                options,
+                bag_list(request.test),
+                request.output,
+                Effort(plan, request.scheduler),
+            ),
+        )
         record = finished.record
         response.arm, response.objective = record['arm'], record['objective']
         response.parameters = messages.parameters(record['parameters'])
@@ -230,9 +242,12 @@ class SolverNode(Node):
 
         self._opened.permit([request.result, request.table], request.output)
         finished = compensate_file(
-            request.result, request.table or rows, request.output, request.tool,
+            request.result,
+            request.table or rows,
+            request.output,
+            request.tool,
             request.position_only,
-        )  # fmt: skip
+        )
         done = finished.done
         response.rows = len(done.joints)
         response.joint_command = done.joints.reshape(-1).tolist()

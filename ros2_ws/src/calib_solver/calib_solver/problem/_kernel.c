@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0
- * The pass over all poses behind calib_solver.sums, compiled. numpy does the same in
- * calib_solver.sums.accumulate_numpy, and a test holds the two equal.
+ * The pass over all poses behind calib_solver.problem.sphere_sums, compiled. numpy does the same in
+ * calib_solver.problem.sphere_sums.accumulate_numpy, and a test holds the two equal.
  */
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>

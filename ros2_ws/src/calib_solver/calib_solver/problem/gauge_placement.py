@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.rotation import Array, nearest_rotation, skew
+from calib_model.arrays import Array
+from calib_model.transforms import nearest_rotation, skew
 
 
 @dataclass(frozen=True)

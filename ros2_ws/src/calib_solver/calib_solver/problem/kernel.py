@@ -10,13 +10,14 @@ from functools import cache
 
 import numpy as np
 
+from calib_model.arrays import Array
 from calib_model.errors import ParameterError
-from calib_model.parameters import ParameterTable
-from calib_model.rotation import Array, left_jacobian, rotation_matrix
-from calib_solver.problem import IntArray, Problem
+from calib_model.kinematics import ParameterTable
+from calib_model.transforms import left_jacobian, rotation_matrix
+from calib_solver.problem.problem import IntArray, Problem
 
 try:
-    from calib_solver import _kernel
+    from calib_solver.problem import _kernel
 except ImportError:  # not compiled here
     _kernel = None  # type: ignore[assignment, unused-ignore]
 

@@ -10,8 +10,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.probing import Measurement, group_by_sphere
-from calib_model.rotation import Array, frozen
+from calib_model.arrays import Array, frozen
+from calib_model.measurement import Measurement, group_by_sphere
 
 IntArray = NDArray[np.int64]
 
@@ -65,11 +65,20 @@ class Problem:
         pairs = _pairs(placed)
         distances = [measured.gauge.distance(keys[i, 1], keys[j, 1]) for i, j in pairs]
         return cls(
-            measured, keys, start.astype(np.int64), order, frozen(joints),
-            frozen(np.cos(turned).T), frozen(np.sin(turned).T),
-            frozen(measured.centers()[order]), frozen(np.ones(len(poses))), placed, pairs,
-            frozen(distances), frozen(np.ones(len(pairs))),
-        )  # fmt: skip
+            measured,
+            keys,
+            start.astype(np.int64),
+            order,
+            frozen(joints),
+            frozen(np.cos(turned).T),
+            frozen(np.sin(turned).T),
+            frozen(measured.centers()[order]),
+            frozen(np.ones(len(poses))),
+            placed,
+            pairs,
+            frozen(distances),
+            frozen(np.ones(len(pairs))),
+        )
 
     @property
     def counts(self) -> IntArray:

@@ -13,12 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.arm import Arm
-from calib_model.jacobian import probing_jacobian
-from calib_model.parameters import ParameterTable
-from calib_model.rotation import Array
-from calib_solver import compiled
-from calib_solver.problem import IntArray, Problem
+from calib_model.arrays import Array
+from calib_model.instruments import Arm
+from calib_model.kinematics import ParameterTable, probing_jacobian
+from calib_solver.problem import kernel as compiled
+from calib_solver.problem.problem import IntArray, Problem
 
 #: points (R, 3) and their Jacobian (R, 3, F) of rows of a problem's poses
 Evaluate = Callable[[IntArray], tuple[Array, Array]]
@@ -86,9 +85,13 @@ def accumulate_by(problem: Problem, free: int, evaluate: Evaluate) -> SphereSums
     of some rows of the poses."""
     spheres = len(problem.keys)
     sums = SphereSums(
-        np.zeros(spheres), np.zeros((spheres, 3)), np.zeros((spheres, 3, free)),
-        np.zeros((spheres, 3)), np.zeros((spheres, free)), np.zeros((spheres, free, free)),
-    )  # fmt: skip
+        np.zeros(spheres),
+        np.zeros((spheres, 3)),
+        np.zeros((spheres, 3, free)),
+        np.zeros((spheres, 3)),
+        np.zeros((spheres, free)),
+        np.zeros((spheres, free, free)),
+    )
     for sphere in range(spheres):
         _accumulate_sphere(problem, evaluate, sums, sphere)
     return sums

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib_model.rotation import frozen
-from calib_solver.problem import IntArray, Problem
+from calib_model.arrays import frozen
+from calib_solver.problem.problem import IntArray, Problem
 
 
 def take_groups(problem: Problem, groups: Sequence[IntArray]) -> Problem:
@@ -39,13 +39,20 @@ def take_groups(problem: Problem, groups: Sequence[IntArray]) -> Problem:
         pair_weight.append(problem.pair_weight[inside])
         first += len(group)
     return replace(
-        problem, keys=keys, start=start, order=problem.order[poses],
-        joints=frozen(problem.joints[poses]), cosine=frozen(problem.cosine[:, poses]),
-        sine=frozen(problem.sine[:, poses]), centers=frozen(problem.centers[poses]),
-        weight=frozen(problem.weight[poses]), placement=placement,
-        pairs=np.concatenate(pairs).reshape(-1, 2), nominal=frozen(np.concatenate(nominal)),
+        problem,
+        keys=keys,
+        start=start,
+        order=problem.order[poses],
+        joints=frozen(problem.joints[poses]),
+        cosine=frozen(problem.cosine[:, poses]),
+        sine=frozen(problem.sine[:, poses]),
+        centers=frozen(problem.centers[poses]),
+        weight=frozen(problem.weight[poses]),
+        placement=placement,
+        pairs=np.concatenate(pairs).reshape(-1, 2),
+        nominal=frozen(np.concatenate(nominal)),
         pair_weight=frozen(np.concatenate(pair_weight)),
-    )  # fmt: skip
+    )
 
 
 def gathered(problem: Problem, rows: IntArray) -> list[IntArray]:

@@ -7,13 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.arm import Arm
-from calib_model.corrected_arm import CorrectedArm
-from calib_model.correction import Correction
-from calib_model.probe import Probe
-from calib_model.rotation import Array
-from calib_solver.placing import place_gauge
-from calib_solver.problem import IntArray, Problem
+from calib_model.arrays import Array
+from calib_model.instruments import Arm, Probe
+from calib_model.kinematics import CorrectedArm, Correction
+from calib_solver.problem import IntArray, Problem, place_gauge
 
 COORDINATES = ('x', 'y', 'z')
 

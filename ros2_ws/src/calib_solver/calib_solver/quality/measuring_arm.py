@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.rotation import Array
+from calib_model.arrays import Array
 from calib_solver.problem import IntArray
-from calib_solver.quality import Quality
+from calib_solver.quality.assessment import Quality
 
 BASIS = 'computed from the poses given, measured or simulated; not a test by the standard'
 

@@ -8,13 +8,22 @@ from math import ceil, floor, log10
 
 import numpy as np
 
-from calib_model.rotation import Array
+from calib_model.arrays import Array
 
 #: what a series stands for decides its colour and its mark, in the page and in the pictures
 ROLES = (
-    'before', 'after', 'held', 'x', 'y', 'z',
-    'level1', 'level2', 'level3', 'level4', 'level5',
-)  # fmt: skip
+    'before',
+    'after',
+    'held',
+    'x',
+    'y',
+    'z',
+    'level1',
+    'level2',
+    'level3',
+    'level4',
+    'level5',
+)
 #: outlines in drawing units: most charts, clouds, one per joint, views of the workspace
 SHAPES = {
     'wide': (460.0, 280.0),

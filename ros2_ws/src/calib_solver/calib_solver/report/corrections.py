@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from calib_solver.quality_record import Record
-from calib_solver.report_page import mm, paragraph, part, section, table
-from calib_solver.report_parameters import parameter_row
+from calib_solver.report.html import mm, paragraph, part, section, table
+from calib_solver.report.parameters import parameter_row
+from calib_solver.results import Record
 
 JUDGED = (
     'Judged on gauge locations left out in turn ({folds} parts): the change of their rms, with the '
@@ -35,8 +35,15 @@ def _joint_errors(errors: Record) -> str:
         text += paragraph(JUDGED.format(folds=errors['folds']))
         text += table('', header, rows, range(2, 6))
     if errors['parameters']:
-        header = ['parameter', 'initial', 'identified', 'correction', 'std. uncertainty', 'unit',
-                  'what tells it']  # fmt: skip
+        header = [
+            'parameter',
+            'initial',
+            'identified',
+            'correction',
+            'std. uncertainty',
+            'unit',
+            'what tells it',
+        ]
         rows = [parameter_row(one) for one in errors['parameters']]
         text += table('', header, rows, range(1, 5), {6: 'words'})
     return text
@@ -65,6 +72,8 @@ def _correction(correction: Record) -> str:
     )
     header = ['left out, mm', 'without', 'with correction']
     return (
-        text + paragraph(basis) + paragraph(JUDGED.format(folds=correction['folds']))
+        text
+        + paragraph(basis)
+        + paragraph(JUDGED.format(folds=correction['folds']))
         + table('', header, rows, (1, 2), name='narrow')
-    )  # fmt: skip
+    )

@@ -6,12 +6,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.rotation import Array
-from calib_solver.charts import Band, Chart, Series
+from calib_model.arrays import Array
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
-from calib_solver.measuring_arm import lengths
-from calib_solver.quality import Quality
+from calib_solver.quality import Quality, lengths
+from calib_solver.report.charts import Band, Chart, Series
 
 #: more dots than this say no more and only make the page heavy
 MOST_DOTS = 1500
@@ -34,9 +33,7 @@ def quality_charts(done: Identification, held_out: HeldOut | None) -> list[Chart
 
 def residual_charts(done: Identification, held_out: HeldOut | None) -> list[Chart]:
     """Clouds of the poses' deviations from their spheres' means."""
-    return [
-        _cloud(done, held_out, first, second) for first, second in ((0, 1), (0, 2), (1, 2))
-    ]  # fmt: skip
+    return [_cloud(done, held_out, first, second) for first, second in ((0, 1), (0, 2), (1, 2))]
 
 
 def _mm(values: Array) -> Array:
@@ -86,13 +83,19 @@ def _distances(done: Identification, held_out: HeldOut | None) -> list[Chart]:
     values = {id(q): q.distance for q in _qualities(done, held_out)}
     if not any(len(errors) for errors in values.values()):
         return []
-    return [Chart(
-        'distance_errors',
-        'Distance errors',
-        'Error of the measured distance of each pair of spheres against the certificate (eq. 7).',
-        'location, each with its pairs of spheres', 'mm',
-        _series(done, held_out, values), logarithmic=True, bands=_bands(done, held_out, 'pairs'),
-    )]  # fmt: skip
+    return [
+        Chart(
+            'distance_errors',
+            'Distance errors',
+            'Error of the measured distance of each pair of spheres against the certificate '
+            '(eq. 7).',
+            'location, each with its pairs of spheres',
+            'mm',
+            _series(done, held_out, values),
+            logarithmic=True,
+            bands=_bands(done, held_out, 'pairs'),
+        )
+    ]
 
 
 def _two_sigma(done: Identification, held_out: HeldOut | None) -> Chart:
@@ -101,9 +104,12 @@ def _two_sigma(done: Identification, held_out: HeldOut | None) -> Chart:
         'two_sigma',
         '2 sigma by sphere',
         'Repeatability of each probed sphere in its worst coordinate (eq. 8).',
-        'location, each with its spheres', 'mm',
-        _series(done, held_out, values), logarithmic=True, bands=_bands(done, held_out, 'spheres'),
-    )  # fmt: skip
+        'location, each with its spheres',
+        'mm',
+        _series(done, held_out, values),
+        logarithmic=True,
+        bands=_bands(done, held_out, 'spheres'),
+    )
 
 
 def _coordinates(done: Identification, held_out: HeldOut | None) -> Chart:
@@ -117,10 +123,11 @@ def _coordinates(done: Identification, held_out: HeldOut | None) -> Chart:
         '2 sigma by coordinate',
         'Identified parameters; coordinates of the arm base frame. A coordinate that is always '
         'the largest says from where the arm is bent or pressed.',
-        'location, each with its spheres', 'mm',
+        'location, each with its spheres',
+        'mm',
         tuple(Series(order, values[:, i], 'xyz'[i], AXES[i]) for i in range(3)),
         bands=_bands(done, held_out, 'spheres'),
-    )  # fmt: skip
+    )
 
 
 def _lengths(done: Identification, held_out: HeldOut | None) -> list[Chart]:
@@ -137,14 +144,17 @@ def _lengths(done: Identification, held_out: HeldOut | None) -> list[Chart]:
             series.append(Series(nominal, found.deviation[shown] * 1e3, role, label, fine=True))
     if not series:
         return []
-    return [Chart(
-        'lengths',
-        'Lengths between single probings',
-        'Measured minus certified, each between one pose on either sphere; what grows with the '
-        'length is an error of the arm\u2019s size.',
-        'certified length, mm', 'mm',
-        tuple(series),
-    )]  # fmt: skip
+    return [
+        Chart(
+            'lengths',
+            'Lengths between single probings',
+            'Measured minus certified, each between one pose on either sphere; what grows with the '
+            'length is an error of the arm\u2019s size.',
+            'certified length, mm',
+            'mm',
+            tuple(series),
+        )
+    ]
 
 
 def _cloud(done: Identification, held_out: HeldOut | None, first: int, second: int) -> Chart:
@@ -157,9 +167,12 @@ def _cloud(done: Identification, held_out: HeldOut | None, first: int, second: i
         f'residuals_{"xyz"[first]}{"xyz"[second]}',
         f'Residuals in {AXES[first]} and {AXES[second]}',
         '',
-        f'{AXES[first]}, mm', f'{AXES[second]}, mm',
-        tuple(series), shape='square', equal=True,
-    )  # fmt: skip
+        f'{AXES[first]}, mm',
+        f'{AXES[second]}, mm',
+        tuple(series),
+        shape='square',
+        equal=True,
+    )
 
 
 def joint_charts(done: Identification) -> list[Chart]:
@@ -171,7 +184,8 @@ def joint_charts(done: Identification) -> list[Chart]:
             f'joint_{i}',
             name,
             '',
-            'angle, °', 'mm',
+            'angle, °',
+            'mm',
             (
                 Series(q[shown], size[shown], 'after', fine=True),
                 Series(*_rms_by_angle(q, size), 'held', joined=True),
@@ -181,7 +195,7 @@ def joint_charts(done: Identification) -> list[Chart]:
         for i, (name, q) in enumerate(
             zip(done.arm.joint_names, np.degrees(done.problem.joints).T, strict=True), start=1
         )
-    ]  # fmt: skip
+    ]
 
 
 def _rms_by_angle(q: Array, size: Array) -> tuple[Array, Array]:
@@ -204,7 +218,8 @@ def convergence_chart(done: Identification) -> Chart:
         'convergence',
         'Convergence',
         'The objective, step by step, from the initial parameters to the last fit.',
-        'step', 'mm²',
+        'step',
+        'mm²',
         (Series(steps, values, 'after', joined=True), Series(steps, values, 'after')),
         logarithmic=True,
-    )  # fmt: skip
+    )

@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from html import escape
 
-from calib_solver.chart_svg import figure
-from calib_solver.charts import Chart
-from calib_solver.report_style import STYLE
+from calib_solver.report.charts import Chart
+from calib_solver.report.style import STYLE
+from calib_solver.report.svg import figure
 
 MM, DEGREE = 1e3, 57.29577951308232
 #: for people: the factor from SI and the unit's name

@@ -13,13 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from calib_model.bag_reader import bag_files
-from calib_model.gauge import Gauge
-from calib_model.probe import PassiveProbe, Probe
-from calib_model.probing import ProbingSet
+from calib_model.bags import bag_files
+from calib_model.instruments import Gauge, PassiveProbe, Probe
+from calib_model.measurement import ProbingSet
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
-from calib_solver.report_page import counted, facts, mm, paragraph, part, table
+from calib_solver.report.html import counted, facts, mm, paragraph, part, table
 
 PACKAGES = ('calib_solver', 'calib_model', 'numpy', 'mcap')
 #: stamps (ns) before 2001 are no time of day but a count
@@ -51,16 +50,27 @@ def instruments(done: Identification, held_out: HeldOut | None) -> str:
     rows = [
         ('Arm', f'{arm.name}, {arm.n} joints: {", ".join(arm.joint_names)}'),
         ('Probe', _probe(measured.probe)),
-        ('Gauge', f'{gauge.name}, {len(gauge.spheres)} spheres of {gauge.sphere_diameter * 1e3:g} '
-                  'mm diameter'),
-        ('Certificate', f'U (k = 2) of a distance L: {_distance_uncertainty(gauge)}; the centres '
-                        'are listed at the end'),
+        (
+            'Gauge',
+            f'{gauge.name}, {len(gauge.spheres)} spheres of {gauge.sphere_diameter * 1e3:g} '
+            'mm diameter',
+        ),
+        (
+            'Certificate',
+            f'U (k = 2) of a distance L: {_distance_uncertainty(gauge)}; the centres '
+            'are listed at the end',
+        ),
         ('Identified from', _taken(done.problem.measured.poses, len(done.rejected))),
-    ]  # fmt: skip
+    ]
     if held_out is not None:
         rows.append(('Held out', _taken(held_out.problem.measured.poses)))
-    rows.append(('Not recorded', 'temperature, serial numbers, the certificate\u2019s number: '
-                                 'the bags do not hold them.'))  # fmt: skip
+    rows.append(
+        (
+            'Not recorded',
+            'temperature, serial numbers, the certificate\u2019s number: '
+            'the bags do not hold them.',
+        )
+    )
     return facts(rows)
 
 

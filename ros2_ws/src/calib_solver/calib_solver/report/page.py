@@ -8,19 +8,18 @@ from html import escape
 
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
-from calib_solver.quality_record import Record
-from calib_solver.report_beyond import beyond
-from calib_solver.report_figures import (
+from calib_solver.report.corrections import beyond
+from calib_solver.report.figures import (
     convergence_chart,
     joint_charts,
     quality_charts,
     residual_charts,
 )
-from calib_solver.report_instruments import Inputs, certificate, inputs, instruments
-from calib_solver.report_page import charts, counted, page, paragraph, part, section, warnings_box
-from calib_solver.report_parameters import mount, parameters, repetitions
-from calib_solver.report_quality import Columns, full_quality, key_figures, measuring_arm
-from calib_solver.report_residuals import (
+from calib_solver.report.html import charts, counted, page, paragraph, part, section, warnings_box
+from calib_solver.report.instruments import Inputs, certificate, inputs, instruments
+from calib_solver.report.parameters import mount, parameters, repetitions
+from calib_solver.report.quality import Columns, full_quality, key_figures, measuring_arm
+from calib_solver.report.residuals import (
     OBJECTIVES,
     by_joint,
     by_location,
@@ -29,7 +28,8 @@ from calib_solver.report_residuals import (
     sure,
     warnings,
 )
-from calib_solver.workspace_figures import workspace_charts
+from calib_solver.report.workspace import workspace_charts
+from calib_solver.results import Record
 
 
 def report_html(
@@ -48,18 +48,32 @@ def report_html(
         section('What was measured', instruments(done, held_out)),
         section('Quality', full_quality(columns), charts(quality_charts(done, held_out))),
         section('As a measuring arm', measuring_arm(columns)),
-        section('Parameters', parameters(record), part('The probe on the flange'), mount(record),
-                repetitions(record)),
-        section('Residuals', paragraph('Each pose against the mean of its sphere (eq. 12), in the '
-                'arm base frame.'), charts(residual_charts(done, held_out), 'three'),
-                by_location(record), by_joint(record), charts(joint_charts(done), 'three'),
-                rejected(record)),
+        section(
+            'Parameters',
+            parameters(record),
+            part('The probe on the flange'),
+            mount(record),
+            repetitions(record),
+        ),
+        section(
+            'Residuals',
+            paragraph('Each pose against the mean of its sphere (eq. 12), in the arm base frame.'),
+            charts(residual_charts(done, held_out), 'three'),
+            by_location(record),
+            by_joint(record),
+            charts(joint_charts(done), 'three'),
+            rejected(record),
+        ),
         beyond(record),
         section('Workspace', charts(workspace_charts(done, held_out))),
         section('How it was computed', solver(record), charts([convergence_chart(done)])),
-        section('Inputs and versions', certificate(done.problem.measured.gauge), inputs(given),
-                _signatures()),
-    ]  # fmt: skip
+        section(
+            'Inputs and versions',
+            certificate(done.problem.measured.gauge),
+            inputs(given),
+            _signatures(),
+        ),
+    ]
     return page(title, sections)
 
 

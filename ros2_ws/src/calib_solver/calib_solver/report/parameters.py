@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from calib_solver.quality_record import Record
-from calib_solver.report_page import DEGREE, MM, NOTHING, UNITS, mm, paragraph, part, table
+from calib_solver.report.html import DEGREE, MM, NOTHING, UNITS, mm, paragraph, part, table
+from calib_solver.results import Record
 
 METHODS = {'monte_carlo': 'Monte Carlo', 'bootstrap': 'bootstrap over locations'}
 
@@ -13,15 +13,20 @@ def parameters(record: Record) -> str:
     """Every parameter before and after, lengths in mm and angles in degrees."""
     rows = [parameter_row(parameter) for parameter in record['parameters']]
     header = [
-        'parameter', 'initial', 'identified', 'correction', 'std. uncertainty', 'unit',
+        'parameter',
+        'initial',
+        'identified',
+        'correction',
+        'std. uncertainty',
+        'unit',
         'what tells it',
-    ]  # fmt: skip
+    ]
     count = sum(parameter['free'] for parameter in record['parameters'])
     told = sum(parameter['identifiable'] for parameter in record['parameters'])
     return paragraph(
         f'{count} of {len(record["parameters"])} parameters were free, {told} of them are told by '
         'the poses. Held ones say why. Uncertainties are standard uncertainties (k = 1).'
-    ) + table('', header, rows, range(1, 5), {6: 'words'})  # fmt: skip
+    ) + table('', header, rows, range(1, 5), {6: 'words'})
 
 
 def parameter_row(parameter: Record) -> list[str]:
@@ -49,9 +54,11 @@ def mount(record: Record) -> str:
     placed, fit = record['flange_T_probe'], record['probe_fit']
     rows = [
         ['translation, mm', *(_signed(f'{value * MM:.4f}') for value in placed['translation'])],
-        ['rotation vector, °',
-         *(_signed(f'{value * DEGREE:.4f}') for value in placed['rotation_vector'])],
-    ]  # fmt: skip
+        [
+            'rotation vector, °',
+            *(_signed(f'{value * DEGREE:.4f}') for value in placed['rotation_vector']),
+        ],
+    ]
     text = table('', ['flange to probe (P of eq. 14)', 'x', 'y', 'z'], rows, range(1, 4))
     if fit is None:
         return text

@@ -9,30 +9,37 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calib_model.bag_writer import write_whole
 from calib_model.errors import CalibrationError
-from calib_solver.charts import SHAPES, Chart, Series
+from calib_model.files import write_whole
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
 from calib_solver.quality import Quality
-from calib_solver.report_figures import (
+from calib_solver.report.charts import SHAPES, Chart, Series
+from calib_solver.report.figures import (
     convergence_chart,
     joint_charts,
     quality_charts,
     residual_charts,
 )
-from calib_solver.workspace_figures import workspace_charts
+from calib_solver.report.workspace import workspace_charts
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 COLOURS = {
-    'before': '#8b9196', 'after': '#0b62a4', 'held': '#c4590a',
-    'x': '#0b62a4', 'y': '#22866a', 'z': '#a33f87',
-    'level1': '#86b6dc', 'level2': '#5f9fd0', 'level3': '#2a78b5', 'level4': '#c4590a',
+    'before': '#8b9196',
+    'after': '#0b62a4',
+    'held': '#c4590a',
+    'x': '#0b62a4',
+    'y': '#22866a',
+    'z': '#a33f87',
+    'level1': '#86b6dc',
+    'level2': '#5f9fd0',
+    'level3': '#2a78b5',
+    'level4': '#c4590a',
     'level5': '#8d1f1f',
-}  # fmt: skip
+}
 MARKS = {'held': 's', 'y': 's', 'z': '^'}
 INK, FAINT, RULE = '#1c2126', '#5d6771', '#dce0e4'
 LEAST = 1e-4  # mm, so that a perfect value stays on a logarithmic axis
@@ -43,9 +50,12 @@ DPI = 130
 def all_charts(done: Identification, held_out: HeldOut | None) -> list[Chart]:
     """Every chart of the report."""
     return [
-        *quality_charts(done, held_out), *residual_charts(done, held_out), *joint_charts(done),
-        *workspace_charts(done, held_out), convergence_chart(done),
-    ]  # fmt: skip
+        *quality_charts(done, held_out),
+        *residual_charts(done, held_out),
+        *joint_charts(done),
+        *workspace_charts(done, held_out),
+        convergence_chart(done),
+    ]
 
 
 def drawn(chart: Chart) -> Figure:
@@ -102,9 +112,16 @@ def _key(figure: Figure, axes: Axes) -> None:
     """Each name once, below the plot where it hides nothing."""
     handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     legend = figure.legend(
-        handles.values(), handles.keys(), loc='lower center', ncols=3, frameon=False,
-        fontsize=8, labelcolor=FAINT, handletextpad=0.2, columnspacing=1.2,
-    )  # fmt: skip
+        handles.values(),
+        handles.keys(),
+        loc='lower center',
+        ncols=3,
+        frameon=False,
+        fontsize=8,
+        labelcolor=FAINT,
+        handletextpad=0.2,
+        columnspacing=1.2,
+    )
     for mark in legend.get_lines():
         mark.set(markersize=5, alpha=1.0)
 
@@ -116,9 +133,15 @@ def _draw(axes: Axes, one: Series) -> None:
         return
     size = 1.6 if one.fine else 4.2
     axes.plot(
-        one.x, one.y, MARKS.get(one.role, 'o'), color=colour, markersize=size, markeredgewidth=0,
-        alpha=0.6 if one.fine else 1.0, label=one.label or None,
-    )  # fmt: skip
+        one.x,
+        one.y,
+        MARKS.get(one.role, 'o'),
+        color=colour,
+        markersize=size,
+        markeredgewidth=0,
+        alpha=0.6 if one.fine else 1.0,
+        label=one.label or None,
+    )
 
 
 def before_and_after(done: Identification) -> Figure:
@@ -137,17 +160,26 @@ def before_and_after(done: Identification) -> Figure:
         distances.plot(np.arange(1, len(error) + 1), error, 'o', markersize=5, **style)
     for axes, title, below in (
         (poses, 'Each pose: distance from the mean of its sphere, mm', 'pose, sphere by sphere'),
-        (distances, 'Each distance: error against the certificate, mm',
-         'pair of spheres, location by location'),
-    ):  # fmt: skip
+        (
+            distances,
+            'Each distance: error against the certificate, mm',
+            'pair of spheres, location by location',
+        ),
+    ):
         axes.set(yscale='log', xlabel=below)
         axes.yaxis.set_major_formatter('{x:g}')
         _title(axes, title)
     poses.set_xlim(0, len(done.problem.joints))
     figure.legend(
-        *poses.get_legend_handles_labels(), loc='outside lower center', ncols=2, frameon=False,
-        fontsize=10, labelcolor=INK, markerscale=2.5, handletextpad=0.2,
-    )  # fmt: skip
+        *poses.get_legend_handles_labels(),
+        loc='outside lower center',
+        ncols=2,
+        frameon=False,
+        fontsize=10,
+        labelcolor=INK,
+        markerscale=2.5,
+        handletextpad=0.2,
+    )
     return figure
 
 

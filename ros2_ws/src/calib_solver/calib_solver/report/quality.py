@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from calib_solver.quality_record import Record
-from calib_solver.report_page import NOTHING, mm, paragraph, table
+from calib_solver.report.html import NOTHING, mm, paragraph, table
+from calib_solver.results import Record
 
 #: columns by name
 Columns = dict[str, Record]
@@ -35,8 +35,9 @@ def full_quality(columns: Columns) -> str:
         means = (mm(r['two_sigma']['mean_xyz'][axis]) for r in records)
         rows.append([f'2 sigma, mean {name}', *means])
     rows.append(['Distance to the certificate after a best fit of each location'])
-    rows += [_row(records, 'position', key, f'position error, {key}')
-             for key in ('max', 'mean', 'rms')]  # fmt: skip
+    rows += [
+        _row(records, 'position', key, f'position error, {key}') for key in ('max', 'mean', 'rms')
+    ]
     rows.append(['Eq. 11'])
     rows.append(['phi, mm²', *(f'{r["phi"] * 1e6:.4g}' for r in records)])
     return table('', ['mm', *columns], rows, range(1, 1 + len(columns)))
@@ -105,9 +106,10 @@ def measuring_arm(columns: Columns) -> str:
             'seat from their mean. A length is measured between a single point on either sphere '
             '(the k-th of one, the k-th of the other); its deviation is measured minus certified, '
             '2 RMS is twice the root mean square of the deviations, the range goes from the '
-            'smallest to the largest.', 'says',
+            'smallest to the largest.',
+            'says',
         )
-    )  # fmt: skip
+    )
 
 
 def _mm_of(records: list[Record | None], key: str) -> list[str]:

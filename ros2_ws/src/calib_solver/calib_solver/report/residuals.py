@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from calib_solver.quality_record import Record
-from calib_solver.report_page import counted, mm, paragraph, part, table
+from calib_solver.report.html import counted, mm, paragraph, part, table
+from calib_solver.results import Record
 
 SHOWN_REJECTED = 50
 OBJECTIVES = {
@@ -48,10 +48,8 @@ def rejected(record: Record) -> str:
     text = f'{len(worst)} in all' + (', the worst shown.' if len(worst) > len(rows) else '.')
     header = ['pose', 'location', 'sphere', 'off by, mm', 'why']
     return (
-        part('Poses left out')
-        + paragraph(text)
-        + table('', header, rows, range(4), {4: 'words'})
-    )  # fmt: skip
+        part('Poses left out') + paragraph(text) + table('', header, rows, range(4), {4: 'words'})
+    )
 
 
 def by_location(record: Record) -> str:

@@ -7,8 +7,8 @@ from html import escape
 
 import numpy as np
 
-from calib_model.rotation import Array
-from calib_solver.charts import SHAPES, Band, Chart, Range, Series, ranges, tick_text
+from calib_model.arrays import Array
+from calib_solver.report.charts import SHAPES, Band, Chart, Range, Series, ranges, tick_text
 
 LEFT, RIGHT, TOP, BOTTOM = 64.0, 20.0, 12.0, 52.0
 #: an axis name has room for a character every so many units, and so has a band's

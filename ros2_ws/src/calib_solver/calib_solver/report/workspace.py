@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from calib_model.rotation import Array
-from calib_solver.charts import Chart, Note, Series
+from calib_model.arrays import Array
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
 from calib_solver.quality import Quality
-from calib_solver.workspace import WorkspaceUncertainty, over_workspace
+from calib_solver.report.charts import Chart, Note, Series
+from calib_solver.results import WorkspaceUncertainty, over_workspace
 
 LEVELS = 5
 
@@ -43,9 +43,13 @@ def _view(
         f'workspace_{"xyz"[first]}{"xyz"[second]}',
         f'Where the gauge stood, {view}',
         'Probed spheres, joined location by location; the arm is sure of what is among them.',
-        f'{"XYZ"[first]}, m', f'{"XYZ"[second]}, m',
-        tuple(series), shape='view', equal=True, notes=tuple(notes),
-    )  # fmt: skip
+        f'{"XYZ"[first]}, m',
+        f'{"XYZ"[second]}, m',
+        tuple(series),
+        shape='view',
+        equal=True,
+        notes=tuple(notes),
+    )
 
 
 def _number(number: int, points: Array, size: float) -> Note:
@@ -65,19 +69,24 @@ def _map(sure: WorkspaceUncertainty) -> Chart:
     level = np.clip(np.searchsorted(ends, size, side='right') - 1, 0, LEVELS - 1)
     series = tuple(
         Series(
-            radius[level == k], sure.points[level == k, 2], f'level{k + 1}',
+            radius[level == k],
+            sure.points[level == k, 2],
+            f'level{k + 1}',
             f'{ends[k]:.3g} to {ends[k + 1]:.3g} µm',
         )
         for k in range(LEVELS)
-    )  # fmt: skip
+    )
     return Chart(
         'uncertainty_map',
         'Expected uncertainty over the workspace',
         'Standard uncertainty of the probed point at postures drawn between the joint limits, '
         'by its distance from the axis of joint 1 and its height.',
-        'distance from axis 1, m', 'Z, m',
-        series, shape='view', equal=True,
-    )  # fmt: skip
+        'distance from axis 1, m',
+        'Z, m',
+        series,
+        shape='view',
+        equal=True,
+    )
 
 
 def _distribution(sure: WorkspaceUncertainty) -> Chart:
@@ -87,8 +96,15 @@ def _distribution(sure: WorkspaceUncertainty) -> Chart:
         'uncertainty_share',
         'Share of the workspace by uncertainty',
         'How much of the postures drawn has at most that standard uncertainty of a position.',
-        'µm', '% of postures',
-        (Series(np.concatenate([size[:1], size]), np.concatenate([[0.0], share]), 'after',
-                joined=True),),
+        'µm',
+        '% of postures',
+        (
+            Series(
+                np.concatenate([size[:1], size]),
+                np.concatenate([[0.0], share]),
+                'after',
+                joined=True,
+            ),
+        ),
         shape='view',
-    )  # fmt: skip
+    )

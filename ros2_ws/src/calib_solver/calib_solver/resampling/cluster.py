@@ -16,13 +16,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from calib_model.arrays import Array
 from calib_model.errors import CalibrationError
-from calib_model.parameters import ParameterTable
-from calib_model.rotation import Array
-from calib_solver.parallel import Advance, in_order
-from calib_solver.problem import IntArray, Problem
-from calib_solver.selection import gathered, take_groups
-from calib_solver.sums import SphereSums, accumulate
+from calib_model.kinematics import ParameterTable
+from calib_solver.problem import IntArray, Problem, SphereSums, accumulate, gathered, take_groups
+from calib_solver.resampling.processes import Advance, in_order
 
 Item = TypeVar('Item')
 Result = TypeVar('Result')

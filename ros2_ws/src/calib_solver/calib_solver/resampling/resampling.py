@@ -17,22 +17,17 @@ from typing import Any
 
 import numpy as np
 
-from calib_model.corrected_arm import CorrectedArm
+from calib_model.arrays import Array, frozen
 from calib_model.errors import DataError
-from calib_model.gauge import Gauge
-from calib_model.parameters import ParameterTable
-from calib_model.probing import Measurement
+from calib_model.instruments import Gauge
+from calib_model.kinematics import CorrectedArm, ParameterTable
+from calib_model.measurement import Measurement
 from calib_model.progress import Progress
-from calib_model.rotation import Array, frozen
+from calib_solver.fitting import minimise, objective
 from calib_solver.identification import Identification
-from calib_solver.levenberg import minimise
-from calib_solver.objectives import objective
-from calib_solver.parallel import Spread
-from calib_solver.placing import place_gauge
-from calib_solver.problem import Problem
+from calib_solver.problem import Problem, accumulate, place_gauge, take_groups
 from calib_solver.quality import probed_points
-from calib_solver.selection import take_groups
-from calib_solver.sums import accumulate
+from calib_solver.resampling.processes import Spread
 
 #: with fewer locations there is nothing to draw
 FEWEST_LOCATIONS = 2
@@ -180,11 +175,16 @@ def _source(done: Identification, problem: Problem, about: Array) -> Source:
     prior = done.options.prior
     uncertainty = done.uncertainty
     return Source(
-        replace(problem, measured=replace(measured, poses=none)), done.table,
-        done.options.objective, prior.sigmas(done.table), prior.information(done.table),
-        done.full[done.table.free_columns], about,
-        uncertainty.noise * float(np.sqrt(uncertainty.misfit)), done.least_noise,
-    )  # fmt: skip
+        replace(problem, measured=replace(measured, poses=none)),
+        done.table,
+        done.options.objective,
+        prior.sigmas(done.table),
+        prior.information(done.table),
+        done.full[done.table.free_columns],
+        about,
+        uncertainty.noise * float(np.sqrt(uncertainty.misfit)),
+        done.least_noise,
+    )
 
 
 def exact_centers(done: Identification) -> Array:
@@ -212,9 +212,11 @@ def monte_carlo_draw(source: Source, seed: np.random.SeedSequence) -> tuple[Arra
     noise = source.noise * generator.standard_normal(problem.centers.shape)
     measured = with_gauge(problem.measured, drawn_gauge(problem.measured.gauge, generator))
     problem = replace(
-        problem, centers=frozen(problem.centers + noise), measured=measured,
+        problem,
+        centers=frozen(problem.centers + noise),
+        measured=measured,
         nominal=frozen(certified_distances(problem, measured.gauge)),
-    )  # fmt: skip
+    )
     return _refit(source, problem, generator)
 
 

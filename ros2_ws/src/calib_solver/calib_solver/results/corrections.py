@@ -3,16 +3,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from calib_model.joint_errors import KINDS
-from calib_solver.account import Account, accounts
+from calib_model.kinematics import KINDS
+from calib_solver.error_models import Gain
 from calib_solver.identification import Identification
-from calib_solver.leaving_out import Gain
 from calib_solver.quality import Quality
-from calib_solver.quality_record import quality_record
-
-Record = dict[str, Any]
+from calib_solver.results.parameter_estimates import Account, accounts
+from calib_solver.results.quality import Record, quality_record
 
 
 def account_record(account: Account) -> Record:

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from calib_model.rotation import Array
+from calib_model.arrays import Array
 from calib_solver.identification import Identification
-from calib_solver.workspace import over_workspace
+from calib_solver.results.workspace import over_workspace
 
 
 def diagnostics_record(done: Identification) -> dict[str, Any]:
@@ -54,13 +54,15 @@ def by_location(done: Identification, deviation: Array) -> list[dict[str, Any]]:
     for number in np.unique(location):
         size = np.linalg.norm(deviation[location == number], axis=1)
         errors = done.identified.distance[of_pair == number]
-        records.append({
-            'location': int(number),
-            'poses': len(size),
-            'rms': float(np.sqrt(np.mean(size**2))),
-            'max': float(size.max()),
-            'distance_mean': float(errors.mean()) if len(errors) else None,
-        })  # fmt: skip
+        records.append(
+            {
+                'location': int(number),
+                'poses': len(size),
+                'rms': float(np.sqrt(np.mean(size**2))),
+                'max': float(size.max()),
+                'distance_mean': float(errors.mean()) if len(errors) else None,
+            }
+        )
     return records
 
 

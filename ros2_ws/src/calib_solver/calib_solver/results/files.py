@@ -5,28 +5,24 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
-from calib_model.bag_writer import write_together
-from calib_model.correction import correction_yaml
-from calib_model.description import arm_yaml, probe_yaml
+from calib_model.descriptions import arm_yaml, correction_yaml, probe_yaml
 from calib_model.errors import CalibrationError
-from calib_model.folder_lock import FolderLock
-from calib_model.joint_errors import KINDS
-from calib_model.rotation import RigidTransform
+from calib_model.files import FolderLock, write_together
+from calib_model.kinematics import KINDS
+from calib_model.transforms import RigidTransform
 from calib_model.urdf import arm_urdf
-from calib_solver.account import accounts
-from calib_solver.beyond_record import account_record, correction_record, joint_errors_record
-from calib_solver.diagnostics import diagnostics_record
+from calib_solver.fitting import ProbeFit
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
-from calib_solver.probe_fit import ProbeFit
-from calib_solver.quality_record import quality_record, sphere_records
 from calib_solver.resampling import Resampled
-from calib_solver.resampling_record import resampling_record
+from calib_solver.results.corrections import account_record, correction_record, joint_errors_record
+from calib_solver.results.diagnostics import diagnostics_record
+from calib_solver.results.parameter_estimates import accounts
+from calib_solver.results.quality import Record, quality_record, sphere_records
+from calib_solver.results.resampling import resampling_record
 
 SCHEMA = 1
-Record = dict[str, Any]
 
 
 def result_record(
@@ -69,9 +65,7 @@ def result_record(
 def parameter_records(done: Identification) -> list[Record]:
     """Every D-H and probe parameter of the table that is in use, in its order."""
     return [
-        account_record(account)
-        for account in accounts(done)
-        if account.parameter.kind not in KINDS
+        account_record(account) for account in accounts(done) if account.parameter.kind not in KINDS
     ]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from calib_model.parameters import Parameter
+from calib_model.kinematics import Parameter
 from calib_solver.identification import Identification
 
 #: a parameter whose uncertainty stays above this part of the prior's sigma was not told

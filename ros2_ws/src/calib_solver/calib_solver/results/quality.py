@@ -8,18 +8,31 @@ from typing import Any
 
 import numpy as np
 
-from calib_model.rotation import Array
-from calib_solver.measuring_arm import BASIS, articulation, lengths
-from calib_solver.quality import COORDINATES, ProbedSpheres, Quality
+from calib_model.arrays import Array
+from calib_solver.quality import BASIS, COORDINATES, ProbedSpheres, Quality, articulation, lengths
 
 Record = dict[str, Any]
 SINGLE_POINT = (
-    'spheres', 'points', 'max_deviation', 'max_location', 'max_sphere',
-    'two_s_max', 'two_s_mean', 'two_s_location', 'two_s_sphere',
-)  # fmt: skip
+    'spheres',
+    'points',
+    'max_deviation',
+    'max_location',
+    'max_sphere',
+    'two_s_max',
+    'two_s_mean',
+    'two_s_location',
+    'two_s_sphere',
+)
 LENGTH = (
-    'count', 'max_deviation', 'max_location', 'max_pair', 'max_length', 'mean', 'two_rms', 'span',
-)  # fmt: skip
+    'count',
+    'max_deviation',
+    'max_location',
+    'max_pair',
+    'max_length',
+    'mean',
+    'two_rms',
+    'span',
+)
 
 
 def sphere_records(spheres: ProbedSpheres) -> list[Record]:
@@ -108,10 +121,14 @@ def _single_point_record(quality: Quality) -> Record | None:
     farthest, widest = int(np.argmax(found.max_deviation)), int(np.argmax(found.two_s))
     at_max, at_two_s = quality.spheres.keys[found.sphere[[farthest, widest]]].tolist()
     values = (
-        len(found.sphere), int(found.points.sum()),
-        float(found.max_deviation[farthest]), *at_max,
-        float(found.two_s[widest]), float(found.two_s.mean()), *at_two_s,
-    )  # fmt: skip
+        len(found.sphere),
+        int(found.points.sum()),
+        float(found.max_deviation[farthest]),
+        *at_max,
+        float(found.two_s[widest]),
+        float(found.two_s.mean()),
+        *at_two_s,
+    )
     return dict(zip(SINGLE_POINT, values, strict=True))
 
 
@@ -123,9 +140,14 @@ def _length_record(quality: Quality) -> Record | None:
     worst = int(np.argmax(np.abs(found.deviation)))
     row = int(found.pair[worst])
     values = (
-        len(found.deviation), float(found.deviation[worst]), *_pair(quality, row),
-        float(quality.nominal[row]), float(found.deviation.mean()), found.two_rms, found.span,
-    )  # fmt: skip
+        len(found.deviation),
+        float(found.deviation[worst]),
+        *_pair(quality, row),
+        float(quality.nominal[row]),
+        float(found.deviation.mean()),
+        found.two_rms,
+        found.span,
+    )
     return dict(zip(LENGTH, values, strict=True))
 
 

@@ -3,17 +3,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from calib_model.rotation import Array
-from calib_solver.account import accounts
+from calib_model.arrays import Array
 from calib_solver.identification import Identification
 from calib_solver.resampling import Repeated, Resampled
-from calib_solver.workspace import over_workspace
+from calib_solver.results.parameter_estimates import accounts
+from calib_solver.results.quality import Record
+from calib_solver.results.workspace import over_workspace
 
-Record = dict[str, Any]
 METHODS = ('monte_carlo', 'bootstrap')
 
 
@@ -28,12 +26,14 @@ def resampling_record(done: Identification, resampled: Resampled) -> Record:
     parameters = []
     for i, account in enumerate(free):
         sizes = {method: _size(repeated, i) for method, repeated in found.items()}
-        parameters.append({
-            'name': account.parameter.name,
-            'unit': account.parameter.unit,
-            'analytic': account.standard_uncertainty,
-            **sizes,
-        })  # fmt: skip
+        parameters.append(
+            {
+                'name': account.parameter.name,
+                'unit': account.parameter.unit,
+                'analytic': account.standard_uncertainty,
+                **sizes,
+            }
+        )
     return {
         'seed': resampled.plan.seed,
         **{method: _method_record(done, repeated) for method, repeated in found.items()},
@@ -64,9 +64,7 @@ def _ratio(done: Identification, repeated: Repeated) -> float | None:
         for account in accounts(done)
         if account.parameter.free
     ]
-    ratios = [
-        size / said for size, said in zip(repeated.standard, stated, strict=True) if said
-    ]  # fmt: skip
+    ratios = [size / said for size, said in zip(repeated.standard, stated, strict=True) if said]
     return float(np.median(ratios)) if ratios else None
 
 

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.probing import ProbingSet
-from calib_model.rotation import Array
+from calib_model.arrays import Array
+from calib_model.measurement import ProbingSet
 from calib_solver.identification import Identification
-from calib_solver.problem import Problem
-from calib_solver.sums import point_jacobian
+from calib_solver.problem import Problem, point_jacobian
 
 POSTURES = 500
 

@@ -8,17 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from simulated_calibration import turned_kr5
 
-from calib_model.arm import ControllerAxis
-from calib_model.description import parse_arm, read_description
+from calib_model.descriptions import parse_arm, read_description
 from calib_model.errors import DataError
-from calib_model.kinematics import forward
-from calib_model.rotation import RigidTransform
-from calib_solver.compensation import Calibrated
-from calib_solver.kuka_figures import (
+from calib_model.instruments import ControllerAxis
+from calib_model.kinematics import forward_kinematics
+from calib_model.transforms import RigidTransform
+from calib_solver.compensation import (
+    Calibrated,
     abc,
     controller_figures,
     counted_as,
@@ -27,7 +26,7 @@ from calib_solver.kuka_figures import (
     shown,
 )
 
-ARMS = Path(__file__).resolve().parents[2] / 'calib_bringup' / 'config' / 'arms'
+ARMS = Path(__file__).resolve().parents[3] / 'calib_bringup' / 'config' / 'arms'
 KR5 = read_description(ARMS / 'kuka_kr5_sixx_r650.yaml', parse_arm)
 MOUNT = RigidTransform(np.array([0.01, -0.02, 0.1]), np.array([0.1, -0.2, 0.3]))
 
@@ -68,7 +67,10 @@ def test_the_offsets_added_to_what_is_shown_make_the_nominal_arm_the_real_one() 
     further = shown(real, q) + [axis.offset for axis in figures.axes]
     direction, zero = np.array([(axis.direction, axis.zero) for axis in axes]).T
     np.testing.assert_allclose(
-        forward(nominal, direction * further + zero), forward(real, q), rtol=0, atol=1e-12
+        forward_kinematics(nominal, direction * further + zero),
+        forward_kinematics(real, q),
+        rtol=0,
+        atol=1e-12,
     )
     assert [axis.told for axis in figures.axes] == [False, True, True, True, True, False]
 
@@ -76,12 +78,12 @@ def test_the_offsets_added_to_what_is_shown_make_the_nominal_arm_the_real_one() 
 def test_the_tool_is_told_in_the_controllers_flange_frame() -> None:
     """At KUKA's zero the KR 5's $FLANGE looks forwards with its x down: A = C = 0, B = 90 deg."""
     q = np.radians([[0, 90, -90, 0, 0, 0]])
-    flange = forward(KR5, q)[0] @ KR5.flange_T_controller.matrix()
+    flange = forward_kinematics(KR5, q)[0] @ KR5.flange_T_controller.matrix()
     np.testing.assert_allclose(abc(flange[:3, :3]), [0, np.pi / 2, 0], atol=1e-9)
     figures = controller_figures(Calibrated(KR5, KR5, MOUNT, MOUNT))
     tool = np.eye(4)
     tool[:3, :3], tool[:3, 3] = of_abc(figures.abc), figures.xyz
-    wanted = forward(KR5, q)[0] @ MOUNT.matrix()
+    wanted = forward_kinematics(KR5, q)[0] @ MOUNT.matrix()
     np.testing.assert_allclose(flange @ tool, wanted, rtol=0, atol=1e-12)
 
 

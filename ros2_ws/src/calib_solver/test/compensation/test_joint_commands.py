@@ -23,17 +23,24 @@ from simulated_calibration import (
     ur_like,
 )
 
-from calib_model.arm import Arm
-from calib_model.bag import write_measurement
-from calib_model.correction import Correction, Shift
+from calib_model.bags import write_measurement
 from calib_model.errors import CalibrationError, DataError, TableError
-from calib_model.jacobian import tool_motion
-from calib_model.joint_errors import JointErrors, JointTerms
-from calib_model.kinematics import forward, points
-from calib_model.rotation import RigidTransform, rotation_vector
+from calib_model.instruments import Arm
+from calib_model.kinematics import (
+    Correction,
+    JointErrors,
+    JointTerms,
+    Shift,
+    forward_kinematics,
+    points,
+    tool_motion,
+)
+from calib_model.transforms import RigidTransform, rotation_vector
 from calib_model.urdf import arm_urdf
-from calib_solver.compensate import main, rows_of, with_tool
-from calib_solver.compensation import (
+from calib_solver.commands.compensate import main
+from calib_solver.commands.identify import run as run_identify
+from calib_solver.compensation.inverse_kinematics import EXACT, Targets, reach
+from calib_solver.compensation.joint_commands import (
     Calibrated,
     CompensationError,
     compensate_joints,
@@ -41,10 +48,9 @@ from calib_solver.compensation import (
     read_calibrated,
     tip,
 )
+from calib_solver.compensation.tables import rows_of, with_tool
+from calib_solver.compensation.target_table import read_targets
 from calib_solver.identification import Identification, identify
-from calib_solver.identify import run as run_identify
-from calib_solver.target_table import read_targets
-from calib_solver.tool_inverse import EXACT, Targets, reach
 
 pytestmark = pytest.mark.timeout(60)
 TOOL = RigidTransform(np.array([0.02, -0.01, 0.12]), np.array([0.3, -0.5, 0.2]))
@@ -76,11 +82,13 @@ def test_the_tools_jacobian_is_pinocchios_and_the_finite_difference(name: str) -
     flange = model.getFrameId(arm.flange_frame)
     tool = model.addFrame(
         pinocchio.Frame(
-            'tool', model.frames[flange].parentJoint, flange,
+            'tool',
+            model.frames[flange].parentJoint,
+            flange,
             model.frames[flange].placement * pinocchio.SE3(TOOL.matrix()),
             pinocchio.FrameType.OP_FRAME,
         )
-    )  # fmt: skip
+    )
     data = model.createData()
     for row, jacobian, position, rotation in zip(
         q, motion.jacobian, motion.position, motion.rotation, strict=True
@@ -104,8 +112,10 @@ def test_a_trajectory_puts_the_real_tool_where_the_nominal_one_would_be(name: st
     q = np.random.default_rng(1).uniform(0.4, 1.2, (200, calibrated.nominal.n))
     q *= calibrated.nominal.direction  # else some stretch the arm out
     done = compensate_joints(calibrated, q)
-    wanted = forward(calibrated.nominal, q) @ TOOL.matrix()
-    real = forward(calibrated.identified, done.joints) @ calibrated.identified_tool.matrix()
+    wanted = forward_kinematics(calibrated.nominal, q) @ TOOL.matrix()
+    real = (
+        forward_kinematics(calibrated.identified, done.joints) @ calibrated.identified_tool.matrix()
+    )
     np.testing.assert_allclose(real, wanted, rtol=0, atol=1e-9)
     assert np.abs(done.joints - q).max() < 0.3
     assert 1e-4 < done.miss.mean() < 1e-2
@@ -169,12 +179,14 @@ def test_500_targets_are_reached_as_surely_as_the_calibration_says() -> None:
 def test_targets_with_an_orientation_are_reached_from_anywhere_within_the_limits() -> None:
     calibrated = off(limited(kr5()))
     q = np.random.default_rng(6).uniform(-1.5, 1.5, (60, 6))
-    wanted = forward(calibrated.nominal, q) @ TOOL.matrix()
+    wanted = forward_kinematics(calibrated.nominal, q) @ TOOL.matrix()
     done = compensate_targets(calibrated, Targets(wanted[:, :3, 3], wanted[:, :3, :3]))
-    real = forward(calibrated.identified, done.joints) @ calibrated.identified_tool.matrix()
+    real = (
+        forward_kinematics(calibrated.identified, done.joints) @ calibrated.identified_tool.matrix()
+    )
     np.testing.assert_allclose(real, wanted, rtol=0, atol=1e-9)
     assert calibrated.identified.within_limits(done.joints, -1e-8).all()
-    nominal = forward(calibrated.nominal, done.nominal) @ TOOL.matrix()
+    nominal = forward_kinematics(calibrated.nominal, done.nominal) @ TOOL.matrix()
     np.testing.assert_allclose(nominal, wanted, rtol=0, atol=1e-9)
 
 

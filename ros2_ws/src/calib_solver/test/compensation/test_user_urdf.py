@@ -3,28 +3,20 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from simulated_calibration import kr5, ur_like
-
-from calib_model.arm import Arm
-from calib_model.arm_from_urdf import arm_from_urdf
-from calib_model.errors import CalibrationError, DescriptionError
-from calib_model.kinematics import forward
-from calib_model.rotation import RigidTransform
-from calib_model.serial_chain import read_chain
-from calib_model.urdf import arm_urdf
-from calib_solver.user_urdf import corrected_origins, corrected_urdf
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'calib_model' / 'test'))
-
 from urdf_files import random_urdf, through_pinocchio
+
+from calib_model.errors import CalibrationError, DescriptionError
+from calib_model.instruments import Arm
+from calib_model.kinematics import forward_kinematics
+from calib_model.transforms import RigidTransform
+from calib_model.urdf import arm_from_urdf, arm_urdf, read_chain
+from calib_solver.compensation.user_urdf import corrected_origins, corrected_urdf
 
 pytestmark = pytest.mark.timeout(60)
 EXACT = 1e-9
@@ -40,7 +32,9 @@ def off_in_everything(arm: Arm, rng: np.random.Generator) -> Arm:
 def off(arm: Arm, text: bytes) -> float:
     q = np.random.default_rng(1).uniform(-3, 3, (20, arm.n))
     frames = (arm.base_frame, arm.flange_frame, arm.joint_names)
-    return float(np.abs(through_pinocchio(text.decode(), *frames, q) - forward(arm, q)).max())
+    return float(
+        np.abs(through_pinocchio(text.decode(), *frames, q) - forward_kinematics(arm, q)).max()
+    )
 
 
 @settings(max_examples=25, deadline=None)

@@ -10,22 +10,19 @@ import numpy as np
 import pytest
 import result_schema
 from simulated_calibration import iiwa, kr5, passive, simulate
-from test_joint_errors import off_by, parts, true_errors
+from simulated_joint_errors import off_by, parts, true_errors
 
-from calib_model.bag import write_measurement
-from calib_model.corrected_arm import CorrectedArm
-from calib_model.correction import parse_correction
-from calib_model.description import parse_arm, read_description
+from calib_model.bags import write_measurement
+from calib_model.descriptions import parse_arm, parse_correction, read_description
 from calib_model.errors import DataError
-from calib_model.joint_errors import JointErrors, JointTerms
-from calib_solver.correction_fit import _Columns
-from calib_solver.evaluate import evaluation_record
-from calib_solver.identification import Options, identify
-from calib_solver.loading import Sources, calibrate
+from calib_model.kinematics import CorrectedArm, JointErrors, JointTerms
+from calib_solver.calibration import Sources, calibrate, evaluation_record, summary_text
+from calib_solver.error_models.correction import _Columns
+from calib_solver.fitting import Options
+from calib_solver.identification import identify
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
-from calib_solver.result import result_record
-from calib_solver.summary import summary
+from calib_solver.results import result_record
 
 pytestmark = pytest.mark.timeout(60)
 AUTO = Options(correction='auto')
@@ -147,7 +144,7 @@ def test_what_is_written_is_what_evaluate_applies(eccentric, tmp_path):
     result_schema.result(record)
     assert record['joint_errors']['identified'] == ['encoder']
     assert out / 'correction.yaml' in finished.written
-    lines = summary(finished)
+    lines = summary_text(finished)
     assert finished.done.choice_12.verdict in lines
     assert 'joint errors, encoder identified' in lines
     given = Sources(tuple(test), str(out / 'arm.yaml'), str(out / 'probe.yaml'))

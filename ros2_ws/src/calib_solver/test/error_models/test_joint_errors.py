@@ -8,47 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from simulated_calibration import Scene, active, kr5, passive, simulate
+from simulated_joint_errors import LINKS, off_by, parts, true_errors
 
 from calib_model.errors import DataError
-from calib_model.freedom import identifiable_table
-from calib_model.gravity import Links
-from calib_model.joint_errors import KINDS, JointErrors, JointTerms
-from calib_model.kinematics import points
-from calib_solver.identification import Options, identify
-from calib_solver.joint_error_choice import chosen_kinds, table_with
-from calib_solver.problem import Problem
+from calib_model.kinematics import KINDS, JointErrors, JointTerms, identifiable_table, points
+from calib_solver.error_models.joint_errors import chosen_kinds, table_with
+from calib_solver.fitting import Options
+from calib_solver.identification import identify
+from calib_solver.problem import Problem, accumulate, point_jacobian
 from calib_solver.quality import assess, probed_points
 from calib_solver.resampling import exact_centers
-from calib_solver.sums import accumulate, point_jacobian
 
 pytestmark = pytest.mark.timeout(60)
-LINKS = Links(np.array([5.0, 4.0, 4.0, 2.0, 1.0, 3.0]), np.tile([0.0, 0.01, -0.05], (6, 1)))
 ALL = Options(joint_errors=KINDS, links=LINKS)
-NOISE = 2e-5
-
-
-def off_by(scene: Scene, errors: JointErrors, noise: float = NOISE) -> Scene:
-    """The scene as encoders and joints with these errors have it, with noise (rad)."""
-    true = scene.measured.poses.joints
-    read = true
-    for _ in range(5):
-        read = true - errors.angles(scene.true, read)
-    read = read + noise * np.random.default_rng(8).normal(size=read.shape)
-    poses = replace(scene.measured.poses, joints=read)
-    return replace(scene, measured=replace(scene.measured, poses=poses))
-
-
-def true_errors(kinds=KINDS, size: float = 1.0) -> JointErrors:
-    rng = np.random.default_rng(7)
-    values = []
-    if 'encoder' in kinds:
-        values.append(8e-5 * rng.normal(size=(4, 6)))
-    if 'compliance' in kinds:
-        values.append(rng.uniform(5e-6, 3e-5, (1, 6)))
-    terms = JointTerms(
-        2 if 'encoder' in kinds else 0, LINKS if 'compliance' in kinds else None
-    )
-    return JointErrors(terms, size * np.concatenate(values))
 
 
 @pytest.fixture(scope='module')
@@ -60,16 +32,6 @@ def plain() -> Scene:
 @pytest.fixture(scope='module')
 def bent(plain: Scene) -> Scene:
     return off_by(plain, true_errors())
-
-
-def parts(scene: Scene):
-    """What is identified from, and the problem that is held out."""
-    poses = scene.measured.poses
-    seen, unseen = (
-        replace(scene.measured, poses=poses.take(which))
-        for which in (poses.location < 7, poses.location == 7)
-    )
-    return seen, Problem.of(unseen)
 
 
 @pytest.fixture(scope='module')

@@ -10,7 +10,8 @@ import pytest
 from simulated_calibration import GAUGE, active, kr5, passive, simulate
 
 from calib_model.kinematics import point_derivatives
-from calib_solver.identification import Options, identify
+from calib_solver.fitting import Options
+from calib_solver.identification import identify
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from simulated_calibration import active, iiwa, kr5, passive, random_arm, simulate, ur_like
 
-from calib_model.freedom import identifiable_table
-from calib_solver.certificate_doubts import named_scale
-from calib_solver.doubts import doubts_about_parameters
+from calib_model.kinematics import identifiable_table
+from calib_solver.faults.certificate import named_scale
+from calib_solver.faults.encoder_jumps import large_jumps, likely_jumps, without
+from calib_solver.faults.residual_projection import Unexplained, rough_spread
+from calib_solver.faults.stuck_styli import set_apart, stuck_stretches
+from calib_solver.faults.warnings import doubts_about_parameters
+from calib_solver.fitting import DEFAULT_PRIOR
 from calib_solver.identification import identify
-from calib_solver.jumps import large_jumps, likely_jumps, without
-from calib_solver.prior import DEFAULT_PRIOR
 from calib_solver.problem import Problem
-from calib_solver.stuck import set_apart, stuck_stretches
-from calib_solver.unexplained import Unexplained, rough_spread
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -50,8 +50,9 @@ def test_a_jump_of_any_size_is_found_with_its_joint_size_and_moment(make, size):
     assert (found.joint, found.last) == (2, None)
     assert abs(found.first - 99) <= 1
     assert found.size == pytest.approx(size, rel=0.02)
-    mended = rough_spread(Problem.of(jumped(wrong, 2, -found.size, found.first)), table,
-                          DEFAULT_PRIOR.sigmas(table))  # fmt: skip
+    mended = rough_spread(
+        Problem.of(jumped(wrong, 2, -found.size, found.first)), table, DEFAULT_PRIOR.sigmas(table)
+    )
     assert mended < rough_spread(Problem.of(wrong), table, DEFAULT_PRIOR.sigmas(table)) / 4
 
 
@@ -81,9 +82,7 @@ def test_what_the_parameters_can_do_is_no_fault(measured):
 
 
 @pytest.mark.parametrize(('first', 'last'), [(1, 40), (41, 47), (200, 240), (1, 190), (20, 240)])
-def test_a_stretch_with_one_reading_is_found_from_its_first_pose_to_its_last(
-    measured, first, last
-):
+def test_a_stretch_with_one_reading_is_found_from_its_first_pose_to_its_last(measured, first, last):
     read = np.array(measured.poses.displacement)
     read[first - 1 : last, 1] = 4e-4
     wrong = replace(measured, poses=replace(measured.poses, displacement=read))
@@ -139,8 +138,9 @@ def test_what_is_far_from_nominal_is_told_unless_nothing_told_it(measured):
 def test_poses_that_are_all_the_same_are_no_traceback(measured):
     poses = measured.poses
     same = replace(
-        poses, joints=np.tile(poses.joints[0], (len(poses), 1)),
+        poses,
+        joints=np.tile(poses.joints[0], (len(poses), 1)),
         displacement=np.tile(poses.displacement[0], (len(poses), 1)),
-    )  # fmt: skip
+    )
     done = identify(replace(measured, poses=same))
     assert any('still differ by' in line for line in done.warnings)

@@ -10,10 +10,10 @@ import pytest
 from scipy.optimize import least_squares
 from simulated_calibration import active, iiwa, kr5, passive, random_arm, simulate
 
-from calib_model.freedom import identifiable_table
-from calib_model.kinematics import points
-from calib_solver.identification import Options, identify
-from calib_solver.prior import NO_PRIOR
+from calib_model.kinematics import identifiable_table, points
+from calib_solver.fitting.options import Options
+from calib_solver.fitting.prior import NO_PRIOR
+from calib_solver.identification import identify
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -64,9 +64,16 @@ def test_scipy_ends_at_the_same_phi(number):
     table = identifiable_table(measured.arm, measured.probe)
     used = ours.problem.measured  # of the poses that ours rests on
     theirs = least_squares(
-        residuals_of_eq_11(used, table), table.nominal[table.free_columns], jac='3-point',
-        method='trf', x_scale='jac', xtol=1e-15, ftol=1e-15, gtol=1e-15, max_nfev=60,
-    )  # fmt: skip
+        residuals_of_eq_11(used, table),
+        table.nominal[table.free_columns],
+        jac='3-point',
+        method='trf',
+        x_scale='jac',
+        xtol=1e-15,
+        ftol=1e-15,
+        gtol=1e-15,
+        max_nfev=60,
+    )
     assert ours.fit.converged
     assert ours.fit.quadratic.phi == pytest.approx(2 * theirs.cost, rel=1e-9)
     assert ours.identified.phi == pytest.approx(2 * theirs.cost, rel=1e-9)

@@ -11,20 +11,19 @@ import pytest
 from simulated_calibration import kr5, passive, simulate
 
 from calib_model.errors import DataError
-from calib_solver.identification import Options, identify
-from calib_solver.loading import Calibration
-from calib_solver.prior import (
+from calib_model.kinematics import DEFAULT_SIGMA
+from calib_solver.calibration import Calibration, summary_text
+from calib_solver.fitting.options import Options
+from calib_solver.fitting.prior import (
     CANDIDATES,
-    DEFAULT_SIGMA,
     DEFAULT_STRENGTH,
     Prior,
     chosen_prior,
     parse_prior,
 )
-from calib_solver.problem import Problem
-from calib_solver.result import result_record
-from calib_solver.selection import take_groups
-from calib_solver.summary import summary
+from calib_solver.identification import identify
+from calib_solver.problem import Problem, take_groups
+from calib_solver.results import result_record
 
 pytestmark = pytest.mark.timeout(60)
 AUTO = Options(prior=chosen_prior('auto'))
@@ -72,7 +71,7 @@ def test_what_was_tried_is_told(tmp_path):
     assert min(one['behind'] for one in tried) == 0.0
     assert all(one['score'] > 0 for one in tried)
     json.dumps(record, allow_nan=False)
-    text = summary(Calibration(done, None, record, ()))
+    text = summary_text(Calibration(done, None, record, ()))
     assert f'prior of strength {told["strength"]:g}, chosen by leaving out locations' in text
 
 

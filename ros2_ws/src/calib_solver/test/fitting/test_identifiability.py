@@ -18,13 +18,12 @@ from simulated_calibration import (
 )
 
 from calib_model.errors import DataError
-from calib_model.freedom import identifiable_table
-from calib_model.parameters import ParameterTable
-from calib_model.probe import PassiveProbe
-from calib_solver.account import accounts
-from calib_solver.identification import Options, identify
-from calib_solver.problem import Problem
-from calib_solver.sums import point_jacobian
+from calib_model.instruments import PassiveProbe
+from calib_model.kinematics import ParameterTable, identifiable_table
+from calib_solver.fitting.options import Options
+from calib_solver.identification import identify
+from calib_solver.problem import Problem, point_jacobian
+from calib_solver.results import accounts
 
 pytestmark = pytest.mark.timeout(60)
 

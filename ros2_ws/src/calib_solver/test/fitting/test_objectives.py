@@ -12,13 +12,12 @@ from scipy.optimize import least_squares
 from simulated_calibration import SPHERES, active, iiwa, kr5, passive, simulate
 
 from calib_model.errors import DataError
-from calib_model.freedom import identifiable_table
-from calib_model.gauge import Gauge
-from calib_model.rotation import RigidTransform
-from calib_solver.objectives import OBJECTIVES, objective
-from calib_solver.problem import Problem
+from calib_model.instruments import Gauge
+from calib_model.kinematics import identifiable_table
+from calib_model.transforms import RigidTransform
+from calib_solver.fitting.objectives import OBJECTIVES, objective
+from calib_solver.problem import Problem, accumulate
 from calib_solver.quality import assess, probed_points
-from calib_solver.sums import accumulate
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -63,8 +62,9 @@ def test_phi_of_eq_11_has_126_terms_for_7_locations_of_4_spheres():
     assert np.isfinite(quality.spheres.two_sigma).sum() == 84
     assert quality.phi == pytest.approx(terms @ terms, rel=1e-12)
     table = table_of(measured)
-    quadratic = quadratic_at(problem, table, table.nominal[table.free_columns],
-                             'distance_repeatability')  # fmt: skip
+    quadratic = quadratic_at(
+        problem, table, table.nominal[table.free_columns], 'distance_repeatability'
+    )
     assert quadratic.phi == pytest.approx(terms @ terms, rel=1e-12)
 
 
@@ -157,7 +157,7 @@ def _smallest_sum_of_squares(certified, measured):
             least_squares(
                 residuals, start, jac='3-point', x_scale='jac', xtol=1e-15, ftol=1e-15, gtol=1e-15
             ).cost
-        )  # fmt: skip
+        )
     return 2 * min(costs)
 
 

@@ -6,8 +6,9 @@ from __future__ import annotations
 import pytest
 from simulated_calibration import kr5, passive, simulate
 
-from calib_solver.identification import Options, identify
-from calib_solver.prior import NO_PRIOR
+from calib_solver.fitting.options import Options
+from calib_solver.fitting.prior import NO_PRIOR
+from calib_solver.identification import identify
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -8,16 +8,10 @@ import pytest
 from simulated_calibration import kr5, passive, simulate
 
 from calib_model.errors import DescriptionError
-from calib_model.freedom import identifiable_table
-from calib_solver.identification import Options, identify
-from calib_solver.prior import (
-    DEFAULT_PRIOR,
-    DEFAULT_SIGMA,
-    NO_PRIOR,
-    Prior,
-    chosen_prior,
-    parse_prior,
-)
+from calib_model.kinematics import DEFAULT_SIGMA, identifiable_table
+from calib_solver.fitting.options import Options
+from calib_solver.fitting.prior import DEFAULT_PRIOR, NO_PRIOR, Prior, chosen_prior, parse_prior
+from calib_solver.identification import identify
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -68,9 +62,8 @@ def prediction_error(prior, scenes):
 
 def test_with_few_poses_a_prior_predicts_better_than_none():
     scenes = [
-        simulate(kr5(), passive(), seed, locations=1, poses=3, noise=1e-3)
-        for seed in range(60, 75)
-    ]  # fmt: skip
+        simulate(kr5(), passive(), seed, locations=1, poses=3, noise=1e-3) for seed in range(60, 75)
+    ]
     without = prediction_error(NO_PRIOR, scenes)
     assert prediction_error(Prior(DEFAULT_SIGMA, 1.0), scenes) < 0.7 * without
     assert prediction_error(DEFAULT_PRIOR, scenes) < 0.75 * without
@@ -103,9 +96,14 @@ def test_a_file_gives_sigmas_and_strength_and_keeps_the_other_defaults(tmp_path)
 
 @pytest.mark.parametrize(
     ('choice', 'expected'),
-    [('', DEFAULT_PRIOR), ('default', DEFAULT_PRIOR), ('none', NO_PRIOR), ('0', NO_PRIOR),
-     ('3.5', Prior(DEFAULT_SIGMA, 3.5))],
-)  # fmt: skip
+    [
+        ('', DEFAULT_PRIOR),
+        ('default', DEFAULT_PRIOR),
+        ('none', NO_PRIOR),
+        ('0', NO_PRIOR),
+        ('3.5', Prior(DEFAULT_SIGMA, 3.5)),
+    ],
+)
 def test_a_word_or_a_number_is_a_choice_too(choice, expected):
     assert chosen_prior(choice) == expected
 

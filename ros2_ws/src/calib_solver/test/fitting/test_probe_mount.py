@@ -10,10 +10,10 @@ import pytest
 from simulated_calibration import GAUGE, active, iiwa, kr5, passive, simulate, turned_kr5
 
 from calib_model.errors import RankError
-from calib_model.kinematics import forward
-from calib_model.rotation import RigidTransform, nearest_rotation, rotation_matrix
-from calib_solver.probe_fit import fit_probe
-from calib_solver.probe_linear import linear_system, solve_linear
+from calib_model.kinematics import forward_kinematics
+from calib_model.transforms import RigidTransform, nearest_rotation, rotation_matrix
+from calib_solver.fitting.probe_mount import fit_probe
+from calib_solver.fitting.probe_mount_linear import linear_system, solve_linear
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
 
@@ -29,7 +29,7 @@ def known_arm(arm, seed, spheres=(6,), poses=15, noise=0.0):
 def center_of(scene):
     """Where the sphere of the first pose stands in the base frame, by the truth."""
     measured = scene.measured
-    T_base_flange = forward(scene.true, measured.poses.joints[:1])[0]
+    T_base_flange = forward_kinematics(scene.true, measured.poses.joints[:1])[0]
     center = measured.probe.centers(measured.poses.displacement[:1], GAUGE.sphere_diameter)[0]
     return RigidTransform.from_matrix(T_base_flange).apply(scene.mount.apply(center))
 
@@ -71,7 +71,7 @@ def test_the_refined_P_fits_noisy_readings_better_than_its_neighbours():
     fit = fit_probe(problem)
 
     def scatter(translation, rotation):
-        frames = forward(scene.measured.arm, problem.joints)
+        frames = forward_kinematics(scene.measured.arm, problem.joints)
         p_flange = problem.centers @ rotation.T + translation
         p_base = np.einsum('nij,nj->ni', frames[:, :3, :3], p_flange) + frames[:, :3, 3]
         return ((p_base - p_base.mean(axis=0)) ** 2).sum()
@@ -114,7 +114,7 @@ def written_out(frames, centers):
 def test_the_linear_system_is_eqs_16_and_17_written_out():
     scene = known_arm(kr5(), 7, poses=4)
     problem = Problem.of(scene.measured)
-    frames = forward(scene.measured.arm, problem.joints)
+    frames = forward_kinematics(scene.measured.arm, problem.joints)
     matrix, right = linear_system(frames, problem.centers)
     expected = written_out(frames, problem.centers)
     np.testing.assert_array_equal(matrix, expected[0])
@@ -124,7 +124,9 @@ def test_the_linear_system_is_eqs_16_and_17_written_out():
 def test_the_true_P_and_centre_solve_the_linear_system():
     scene = known_arm(kr5(), 8)
     problem = Problem.of(scene.measured)
-    matrix, right = linear_system(forward(scene.measured.arm, problem.joints), problem.centers)
+    matrix, right = linear_system(
+        forward_kinematics(scene.measured.arm, problem.joints), problem.centers
+    )
     q = np.concatenate([scene.mount.matrix()[:3].reshape(-1), center_of(scene)])
     np.testing.assert_allclose(matrix @ q, right, atol=1e-14)
 
@@ -133,15 +135,18 @@ def test_the_linear_solution_is_the_least_squares_one_of_eq_15():
     """With two spheres each has three unknowns of its own."""
     scene = known_arm(kr5(), 7, spheres=(1, 14), poses=30, noise=1e-5)
     problem = Problem.of(scene.measured)
-    matrix, right = written_out(forward(scene.measured.arm, problem.joints), problem.centers)
+    matrix, right = written_out(
+        forward_kinematics(scene.measured.arm, problem.joints), problem.centers
+    )
     both = np.zeros((len(matrix), 18))
     both[:, :12] = matrix[:, :12]
     both[:90, 12:15], both[90:, 15:] = matrix[:90, 12:], matrix[90:, 12:]
     q = np.linalg.lstsq(both, right, rcond=None)[0]
     found = solve_linear(problem)
     np.testing.assert_allclose(found.mount.reshape(-1), q[:12], rtol=1e-6, atol=1e-7)
-    np.testing.assert_allclose(found.rotation, nearest_rotation(q[:12].reshape(3, 4)[:, :3]),
-                               atol=1e-6)  # fmt: skip
+    np.testing.assert_allclose(
+        found.rotation, nearest_rotation(q[:12].reshape(3, 4)[:, :3]), atol=1e-6
+    )
 
 
 @pytest.mark.parametrize('seed', range(20))

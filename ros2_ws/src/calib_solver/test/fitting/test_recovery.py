@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from simulated_calibration import active, iiwa, kr5, passive, random_arm, simulate, ur_like
 
-from calib_model.probe import PassiveProbe
-from calib_model.rotation import RigidTransform
-from calib_solver.account import accounts
-from calib_solver.identification import Options, identify
-from calib_solver.objectives import OBJECTIVES
-from calib_solver.prior import DEFAULT_PRIOR, NO_PRIOR
+from calib_model.instruments import PassiveProbe
+from calib_model.transforms import RigidTransform
+from calib_solver.fitting.objectives import OBJECTIVES
+from calib_solver.fitting.options import Options
+from calib_solver.fitting.prior import DEFAULT_PRIOR, NO_PRIOR
+from calib_solver.identification import identify
+from calib_solver.results import accounts
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from simulated_calibration import GAUGE, Scene, active, iiwa, kr5, simulate
 
-from calib_model.jacobian import probing_jacobian
-from calib_model.kinematics import points
-from calib_model.rotation import Array
-from calib_solver.identification import Identification, Options, identify
-from calib_solver.objectives import OBJECTIVES
-from calib_solver.uncertainty import certificate_covariance
-from calib_solver.workspace import over_workspace
+from calib_model.arrays import Array
+from calib_model.kinematics import points, probing_jacobian
+from calib_solver.fitting.objectives import OBJECTIVES
+from calib_solver.fitting.options import Options
+from calib_solver.fitting.uncertainty import certificate_covariance
+from calib_solver.identification import Identification, identify
+from calib_solver.results import over_workspace
 
 pytestmark = pytest.mark.timeout(90)
 
@@ -67,10 +67,12 @@ def trials() -> list[Trial]:
     for seed in range(CALIBRATIONS):
         scene = calibration(seed)
         done = {name: identify(scene.measured, Options(name)) for name in OBJECTIVES}
-        found.append(Trial(
-            {name: scores(scene, one, seed) for name, one in done.items()},
-            max(one.uncertainty.misfit for one in done.values()),
-        ))  # fmt: skip
+        found.append(
+            Trial(
+                {name: scores(scene, one, seed) for name, one in done.items()},
+                max(one.uncertainty.misfit for one in done.values()),
+            )
+        )
     return found
 
 
@@ -97,8 +99,9 @@ def test_a_model_that_says_it_all_shows_no_misfit(trials):
 @pytest.mark.parametrize('objective', OBJECTIVES)
 def test_the_noise_of_a_pose_is_found_by_every_objective(objective):
     scene = calibration(3)
-    truth = points(scene.true, scene.measured.poses.joints, scene.mount.apply(
-        scene.measured.centers()))  # fmt: skip
+    truth = points(
+        scene.true, scene.measured.poses.joints, scene.mount.apply(scene.measured.centers())
+    )
     poses = scene.measured.poses
     keys = 100 * poses.location + poses.sphere
     groups = [truth[keys == key] for key in np.unique(keys)]

@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 from simulated_calibration import active, kr5, simulate
 
-from calib_solver import markers
 from calib_solver.identification import identify
-from calib_solver.markers import residuals
+from calib_solver.nodes import residual_markers as markers
+from calib_solver.nodes.residual_markers import residuals
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -19,24 +19,27 @@ import pytest
 rclpy = pytest.importorskip('rclpy')
 pytest.importorskip('calib_interfaces.srv')
 
-from calib_interfaces.srv import Compensate, Evaluate, FitProbe, Identify  # noqa: E402
-from rclpy.executors import SingleThreadedExecutor  # noqa: E402
-from rclpy.parameter import Parameter  # noqa: E402
-from rclpy.parameter_client import AsyncParameterClient  # noqa: E402
-from simulated_calibration import active, kr5, simulate  # noqa: E402
-from visualization_msgs.msg import MarkerArray  # noqa: E402
+from calib_interfaces.srv import Compensate, Evaluate, FitProbe, Identify
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from simulated_calibration import active, kr5, simulate
+from visualization_msgs.msg import MarkerArray
 
-from calib_bringup.domains import held_domain  # noqa: E402
-from calib_model.bag import read_measurement, write_measurement  # noqa: E402
-from calib_model.bag_writer import BagWriter  # noqa: E402
-from calib_model.topics import SOLVER_MARKERS  # noqa: E402
-from calib_model.urdf import arm_urdf  # noqa: E402
-from calib_solver.compensate import main as compensate  # noqa: E402
-from calib_solver.identify import run  # noqa: E402
-from calib_solver.messages import qos_of  # noqa: E402
+from calib_bringup.domains import held_domain
+from calib_model.bags import (
+    BagWriter,
+    read_measurement,
+    write_measurement,
+)
+from calib_model.nodes import qos_of
+from calib_model.topics import SOLVER_MARKERS
+from calib_model.urdf import arm_urdf
+from calib_solver.commands.compensate import main as compensate
+from calib_solver.commands.identify import run
 
 DOMAIN = held_domain()
-DEMO = Path(__file__).resolve().parents[4] / 'bags' / 'demo' / 'identification'
+DEMO = Path(__file__).resolve().parents[5] / 'bags' / 'demo' / 'identification'
 TIMEOUT = 20.0
 pytestmark = pytest.mark.timeout(60)
 
@@ -65,9 +68,11 @@ def node():
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
     }
     process = subprocess.Popen(
-        [sys.executable, '-m', 'calib_solver.solver_node'],
-        env=environment, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        [sys.executable, '-m', 'calib_solver.nodes.solver_node'],
+        env=environment,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     try:
         yield process
         assert process.poll() is None, 'the node ended before it was told to'
@@ -91,8 +96,11 @@ def ask(node):
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(asker)
     kinds = {
-        Identify: 'identify', FitProbe: 'fit_probe', Evaluate: 'evaluate', Compensate: 'compensate'
-    }  # fmt: skip
+        Identify: 'identify',
+        FitProbe: 'fit_probe',
+        Evaluate: 'evaluate',
+        Compensate: 'compensate',
+    }
     clients = {kind: asker.create_client(kind, name) for kind, name in kinds.items()}
 
     def wait(done, what):
@@ -194,8 +202,15 @@ def test_what_goes_beyond_d_h_is_answered_as_it_is_written(ask, files, tmp_path)
     bag, test, output = str(files / 'bag'), str(files / 'test'), tmp_path / 'node'
     urdf = tmp_path / 'kr5.urdf'
     urdf.write_text(arm_urdf(kr5()))
-    answer = ask(Identify, bag=bag, test=test, output=str(output), correction='harmonic',
-                 joint_errors='encoder', urdf=str(urdf))  # fmt: skip
+    answer = ask(
+        Identify,
+        bag=bag,
+        test=test,
+        output=str(output),
+        correction='harmonic',
+        joint_errors='encoder',
+        urdf=str(urdf),
+    )
     assert answer.success, answer.message
     record = json.loads((output / 'result.json').read_text())
     assert answer.has_joint_errors
@@ -211,8 +226,13 @@ def test_what_goes_beyond_d_h_is_answered_as_it_is_written(ask, files, tmp_path)
     same(answer.correction.identified, of_both['identified'])
     same(answer.correction.test, of_both['test'])
     assert {str(output / 'robot.urdf'), str(output / 'correction.yaml')} <= set(answer.written)
-    judged = ask(Evaluate, bag=test, arm=str(output / 'arm.yaml'), probe=str(output / 'probe.yaml'),
-                 correction=str(output / 'correction.yaml'))  # fmt: skip
+    judged = ask(
+        Evaluate,
+        bag=test,
+        arm=str(output / 'arm.yaml'),
+        probe=str(output / 'probe.yaml'),
+        correction=str(output / 'correction.yaml'),
+    )
     assert judged.quality.phi == pytest.approx(of_both['test']['phi'])
     refused = ask(Identify, bag=bag, urdf=str(urdf))
     assert not refused.success

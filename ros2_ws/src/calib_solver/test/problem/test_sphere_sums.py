@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 from simulated_calibration import iiwa, kr5, passive, random_arm, simulate, turned_kr5
 
-from calib_model.arm import Arm
-from calib_model.kinematics import points
-from calib_model.parameters import ParameterTable
-from calib_model.probe import trihedron
-from calib_model.rotation import RigidTransform
-from calib_solver import compiled, sums
-from calib_solver.problem import Problem
+from calib_model.instruments import Arm, trihedron
+from calib_model.kinematics import ParameterTable, points
+from calib_model.transforms import RigidTransform
+from calib_solver.problem import kernel as compiled, sphere_sums as sums
+from calib_solver.problem.problem import Problem
 
 pytestmark = pytest.mark.timeout(60)
 

@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 from simulated_calibration import active, kr5, simulate
 
-from calib_model.bag import write_measurement
+from calib_model.bags import write_measurement
 from calib_model.kinematics import points
-from calib_solver.evaluate import evaluation_record
-from calib_solver.loading import Sources
-from calib_solver.measuring_arm import articulation, lengths
+from calib_solver.calibration import Sources, evaluation_record
 from calib_solver.problem import Problem
-from calib_solver.quality import assess
-from calib_solver.quality_record import quality_record
+from calib_solver.quality.assessment import assess
+from calib_solver.quality.measuring_arm import articulation, lengths
+from calib_solver.results import quality_record
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -60,8 +59,10 @@ def test_the_smallest_and_largest_errors_are_named_with_what_causes_them(measure
         error[a[0], a[1], b[1]] = abs(apart - measured.gauge.distance(a[1], b[1]))
     spread = {
         (*key, 'xyz'[i]): 2 * cloud[:, i].std(ddof=1)
-        for key, cloud in clouds.items() if len(cloud) > 1 for i in range(3)
-    }  # fmt: skip
+        for key, cloud in clouds.items()
+        if len(cloud) > 1
+        for i in range(3)
+    }
     for end, extreme in (('max', max), ('min', min)):
         found = record['distance']
         place = extreme(error, key=error.get)

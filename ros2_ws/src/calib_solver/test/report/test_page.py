@@ -12,17 +12,18 @@ import numpy as np
 import pytest
 from simulated_calibration import active, kr5, simulate
 
-from calib_model.bag import write_measurement
-from calib_model.description import gauge_yaml
-from calib_solver.charts import Chart, Series, ranges
-from calib_solver.figures import all_charts
+from calib_model.bags import write_measurement
+from calib_model.descriptions import gauge_yaml
+from calib_solver.calibration import Effort, Sources, calibrate
+from calib_solver.fitting import Options
 from calib_solver.held_out import HeldOut
-from calib_solver.identification import Options, identify
-from calib_solver.loading import Effort, Sources, calibrate
-from calib_solver.report import report_html
-from calib_solver.report_instruments import Inputs
+from calib_solver.identification import identify
+from calib_solver.report.charts import Chart, Series, ranges
+from calib_solver.report.instruments import Inputs
+from calib_solver.report.page import report_html
+from calib_solver.report.png import all_charts
 from calib_solver.resampling import Plan
-from calib_solver.result import result_record
+from calib_solver.results import result_record
 
 pytestmark = pytest.mark.timeout(60)
 VOID = {'meta', 'link', 'br'}
@@ -108,9 +109,12 @@ def written(active_scene, tmp_path_factory):
     (folder / 'bar.yaml').write_text(gauge_yaml(measured.gauge))
     effort = Effort(Plan(monte_carlo=3, bootstrap=3))
     finished = calibrate(
-        Sources((str(folder / 'bag'),), gauge=str(folder / 'bar.yaml')), Options(),
-        [str(folder / 'held')], str(folder / 'out'), effort,
-    )  # fmt: skip
+        Sources((str(folder / 'bag'),), gauge=str(folder / 'bar.yaml')),
+        Options(),
+        [str(folder / 'held')],
+        str(folder / 'out'),
+        effort,
+    )
     text = (folder / 'out' / 'report.html').read_text(encoding='utf-8')
     return finished.record, Page(text), text, folder
 
@@ -172,9 +176,10 @@ def test_the_measuring_arm_s_quantities_are_the_record_s_and_say_what_they_are_n
     ):
         assert rows[label] == [mm(arm[group][key]) for arm in arms]
     for label, group, key in (
-        ('seats', 'single_point', 'spheres'), ('points', 'single_point', 'points'),
+        ('seats', 'single_point', 'spheres'),
+        ('points', 'single_point', 'points'),
         ('number of lengths', 'length', 'count'),
-    ):  # fmt: skip
+    ):
         assert rows[label] == [str(arm[group][key]) for arm in arms]
     assert 'not a test by the standard' in text
 
@@ -187,10 +192,13 @@ def test_every_parameter_is_there_with_its_correction_and_its_reason(written):
         before, after = parameter['initial'] * factor, parameter['identified'] * factor
         sure = parameter['standard_uncertainty']
         assert rows[parameter['name']] == [
-            shown(before, 5), shown(after, 5),
+            shown(before, 5),
+            shown(after, 5),
             shown(after - before, 5, '+') if parameter['free'] else 'held',
-            NOTHING if sure is None else shown(sure * factor, 5), unit, parameter['reason'],
-        ]  # fmt: skip
+            NOTHING if sure is None else shown(sure * factor, 5),
+            unit,
+            parameter['reason'],
+        ]
 
 
 def test_mount_and_repetitions_are_the_record_s(written):
@@ -310,9 +318,13 @@ def test_what_eq_12_corrects_stands_beside_what_it_does_not(beyond):
     record, page = beyond
     corrected = record['correction']['quality']
     qualities = [
-        record['quality']['initial'], record['quality']['identified'], corrected['identified'],
-        record['quality']['test_initial'], record['quality']['test'], corrected['test'],
-    ]  # fmt: skip
+        record['quality']['initial'],
+        record['quality']['identified'],
+        corrected['identified'],
+        record['quality']['test_initial'],
+        record['quality']['test'],
+        corrected['test'],
+    ]
     rows = page.rows('Quality')
     assert rows['2 sigma, mean'] == [mm(q['two_sigma']['mean']) for q in qualities]
     assert rows['distance error, max'] == [mm(q['distance']['max']) for q in qualities]
@@ -323,17 +335,20 @@ def test_gains_on_locations_left_out_are_the_record_s(beyond):
     gain = record['correction']['gain']
     rows = page.rows('Correction functions (eq. 12)')
     for label, key in (
-        ('all residuals, rms', 'rms'), ('2 sigma, rms', 'two_sigma'),
+        ('all residuals, rms', 'rms'),
+        ('2 sigma, rms', 'two_sigma'),
         ('distance error, rms', 'distance'),
-    ):  # fmt: skip
+    ):
         assert rows[label] == [mm(gain[f'{key}_before']), mm(gain[f'{key}_after'])]
     rows = page.rows('Joint errors')
     for tried in record['joint_errors']['tried']:
         assert rows[tried['kind']] == [
             'used' if tried['identified'] else 'refused',
-            f'{shown(100 * tried["change"], 1, "+")} %', f'{tried["standard_error"]:.3f}',
-            mm(tried['rms_before']), mm(tried['rms_after']),
-        ]  # fmt: skip
+            f'{shown(100 * tried["change"], 1, "+")} %',
+            f'{tried["standard_error"]:.3f}',
+            mm(tried['rms_before']),
+            mm(tried['rms_after']),
+        ]
 
 
 def test_nothing_is_said_beyond_where_nothing_was_asked(written):

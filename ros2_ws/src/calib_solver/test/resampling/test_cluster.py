@@ -14,17 +14,17 @@ import numpy as np
 import pytest
 from simulated_calibration import kr5, passive, simulate
 
-from calib_model.bag import write_measurement
+from calib_model.bags import write_measurement
 from calib_model.errors import CalibrationError
-from calib_model.freedom import identifiable_table
-from calib_solver.cluster import connected
-from calib_solver.identification import Options, identify
-from calib_solver.identify import main, run
-from calib_solver.loading import Sources, load
-from calib_solver.parallel import in_processes
-from calib_solver.problem import Problem
-from calib_solver.resampling import Plan, resample
-from calib_solver.sums import accumulate
+from calib_model.kinematics import identifiable_table
+from calib_solver.calibration import Sources, load
+from calib_solver.commands.identify import main, run
+from calib_solver.fitting import Options
+from calib_solver.identification import identify
+from calib_solver.problem import Problem, accumulate
+from calib_solver.resampling.cluster import connected
+from calib_solver.resampling.processes import in_processes
+from calib_solver.resampling.resampling import Plan, resample
 
 pytest.importorskip('distributed', reason='dask is not installed: an optional extra')
 pytestmark = pytest.mark.timeout(120)
@@ -40,8 +40,9 @@ def started(what, *words):
     """A process of Dask's own command line, `dask scheduler` or `dask worker`."""
     return subprocess.Popen(
         [sys.executable, '-c', START.format(f'dask_{what}'), *words],
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
 
 
 def free_port():
@@ -120,9 +121,7 @@ def test_many_bags_on_workers_identify_the_same_arm(scheduler, measured, objecti
         there = identify(measured, options, cluster.passes())
     np.testing.assert_allclose(there.full, here.full, rtol=1e-12, atol=1e-15)
     assert there.identified.phi == pytest.approx(here.identified.phi, rel=1e-12)
-    np.testing.assert_allclose(
-        there.uncertainty.standard, here.uncertainty.standard, rtol=1e-12
-    )  # fmt: skip
+    np.testing.assert_allclose(there.uncertainty.standard, here.uncertainty.standard, rtol=1e-12)
     assert (there.fit.converged, there.fit.iterations) == (here.fit.converged, here.fit.iterations)
 
 
@@ -148,9 +147,7 @@ def test_repetitions_there_are_those_made_here(scheduler, measured):
         there = resample(done, plan, cluster.spread)
     assert len(advanced) == 3
     for name in ('monte_carlo', 'bootstrap'):
-        np.testing.assert_array_equal(
-            getattr(there, name).deviation, getattr(here, name).deviation
-        )  # fmt: skip
+        np.testing.assert_array_equal(getattr(there, name).deviation, getattr(here, name).deviation)
 
 
 def test_the_command_takes_the_address(scheduler, bags, tmp_path):
@@ -193,7 +190,7 @@ def test_without_dask_the_line_says_what_to_install(bags, capsys, monkeypatch):
 def test_nothing_else_needs_dask(bags):
     code = (
         'import sys; sys.modules["distributed"] = sys.modules["dask"] = None; '
-        'from calib_solver.identify import main; sys.exit(main(sys.argv[1:]))'
+        'from calib_solver.commands.identify import main; sys.exit(main(sys.argv[1:]))'
     )
     words = [sys.executable, '-c', code, *bags, '--monte-carlo', '2']
     done = subprocess.run(words, capture_output=True, text=True, timeout=60)

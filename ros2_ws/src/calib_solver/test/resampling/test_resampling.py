@@ -15,17 +15,17 @@ import numpy as np
 import pytest
 from simulated_calibration import kr5, passive, simulate
 
-from calib_model.bag import write_measurement
+from calib_model.bags import write_measurement
 from calib_model.errors import CalibrationError, DataError
-from calib_solver.identification import Options, identify
-from calib_solver.identify import run
-from calib_solver.loading import Calibration
-from calib_solver.parallel import in_processes
+from calib_solver.calibration import Calibration, summary_text
+from calib_solver.commands.identify import run
+from calib_solver.fitting import Options
+from calib_solver.identification import identify
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
-from calib_solver.resampling import Plan, exact_centers, resample
-from calib_solver.result import result_record
-from calib_solver.summary import summary
+from calib_solver.resampling.processes import in_processes
+from calib_solver.resampling.resampling import Plan, exact_centers, resample
+from calib_solver.results import result_record
 
 pytestmark = pytest.mark.timeout(120)
 ALONE = in_processes(1)
@@ -34,9 +34,7 @@ ALONE = in_processes(1)
 @pytest.fixture(scope='module')
 def done():
     """A calibration whose poses scatter as the model says."""
-    return identify(
-        simulate(kr5(), passive(), 71, locations=8, poses=12, noise=1e-4).measured
-    )  # fmt: skip
+    return identify(simulate(kr5(), passive(), 71, locations=8, poses=12, noise=1e-4).measured)
 
 
 @pytest.fixture(scope='module')
@@ -88,7 +86,7 @@ def test_the_record_has_each_free_parameter_beside_its_stated_uncertainty(done, 
     assert [p['analytic'] for p in told] == [p['standard_uncertainty'] for p in free]
     assert [p['monte_carlo'] for p in told] == list(resampled.monte_carlo.standard)
     assert [p['bootstrap'] for p in told] == list(resampled.bootstrap.standard)
-    text = summary(Calibration(done, None, record, ()))
+    text = summary_text(Calibration(done, None, record, ()))
     assert 'Monte Carlo, 300 repetitions: ' in text
     assert 'bootstrap over locations, 200 repetitions: ' in text
 
@@ -121,9 +119,7 @@ def test_the_monte_carlo_starts_from_poses_that_the_identified_arm_explains_whol
     quality = assess(exact, done.arm, probe)
     assert quality.phi < 1e-24
     moved = np.linalg.norm(exact.centers - done.problem.centers, axis=1)
-    assert np.sqrt(np.mean(moved**2)) == pytest.approx(
-        np.sqrt(3) * done.uncertainty.noise, rel=0.1
-    )  # fmt: skip
+    assert np.sqrt(np.mean(moved**2)) == pytest.approx(np.sqrt(3) * done.uncertainty.noise, rel=0.1)
 
 
 def test_without_noise_and_with_a_perfect_certificate_nothing_varies():
@@ -138,8 +134,12 @@ def test_a_gauge_that_moved_stays_apart_when_its_location_is_drawn():
     measured = simulate(kr5(), passive(), 74, locations=5, poses=10, noise=1e-4).measured
     poses = measured.poses
     there = (poses.location == 2) & (poses.sphere == 6)
-    mislabelled = replace(poses, sphere=np.where(there, 10, np.where(
-        (poses.location == 2) & (poses.sphere == 10), 6, poses.sphere)))  # fmt: skip
+    mislabelled = replace(
+        poses,
+        sphere=np.where(
+            there, 10, np.where((poses.location == 2) & (poses.sphere == 10), 6, poses.sphere)
+        ),
+    )
     done = identify(replace(measured, poses=mislabelled))
     assert done.warnings
     repeated = resample(done, Plan(bootstrap=30), ALONE).bootstrap
@@ -192,10 +192,13 @@ def test_ctrl_c_ends_it_at_once_without_a_traceback_or_a_process_left(tmp_path):
     write_measurement(tmp_path / 'bag', measured)
     words = [tmp_path / 'bag', '--monte-carlo', '20000', '--output', tmp_path / 'out']
     process = subprocess.Popen(
-        [sys.executable, '-m', 'calib_solver.identify', *map(str, words)],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        [sys.executable, '-m', 'calib_solver.commands.identify', *map(str, words)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
         env={**os.environ, 'CALIB_THREADS': '2'},
-    )  # fmt: skip
+    )
     line = process.stderr.readline()
     assert 'of 20000 repetitions, Monte Carlo' in line
     children = children_of(process.pid)

@@ -14,16 +14,22 @@ import pytest
 import result_schema
 from simulated_calibration import active, kr5, passive, simulate
 
-from calib_model.bag import write_measurement
-from calib_model.description import parse_arm, parse_probe, read_description
+from calib_model.bags import write_measurement
+from calib_model.descriptions import parse_arm, parse_probe, read_description
 from calib_model.errors import CalibrationError, DataError
-from calib_model.kinematics import forward
-from calib_solver.evaluate import evaluation_record
-from calib_solver.fitting import fit_from
-from calib_solver.identification import Options, identify
-from calib_solver.loading import Sources, bag_list, calibrate, load
-from calib_solver.result import result_record, write_results
-from calib_solver.summary import summary
+from calib_model.kinematics import forward_kinematics
+from calib_solver.calibration import (
+    Sources,
+    bag_list,
+    calibrate,
+    evaluation_record,
+    fit_from,
+    load,
+    summary_text,
+)
+from calib_solver.fitting import Options
+from calib_solver.identification import identify
+from calib_solver.results.files import result_record, write_results
 
 pytestmark = pytest.mark.timeout(60)
 FILES = ('result.json', 'arm.yaml', 'probe.yaml', 'arm.urdf', 'report.html')
@@ -187,12 +193,12 @@ def test_the_written_urdf_is_the_written_arm_to_pinocchio(output):
     for q in np.random.default_rng(0).uniform(-2, 2, (20, arm.n)):
         pinocchio.framesForwardKinematics(model, data, q)
         np.testing.assert_allclose(
-            data.oMf[frame].homogeneous, forward(arm, q[None, :])[0], atol=1e-12
+            data.oMf[frame].homogeneous, forward_kinematics(arm, q[None, :])[0], atol=1e-12
         )
 
 
 def test_the_summary_shows_before_after_and_held_out(output):
-    text = summary(output[1])
+    text = summary_text(output[1])
     header, *rows = [line for line in text.splitlines() if line.startswith(('mm', 'dist', '2 s'))]
     assert header.split('  ')[-1].strip() == 'held-out'
     assert len(rows) == 4

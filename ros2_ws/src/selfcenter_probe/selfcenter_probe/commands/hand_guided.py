@@ -10,16 +10,23 @@ from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
-from calib_model.bag import write_measurement
-from calib_model.bag_writer import refuse_taken
-from calib_model.command import CommandParser, UsageError, run_command
+from calib_model.bags import write_measurement
+from calib_model.command_line import CommandParser, UsageError, run_command
 from calib_model.errors import BagError
-from calib_model.probing import Measurement, group_by_sphere
+from calib_model.files import refuse_taken
+from calib_model.measurement import Measurement, group_by_sphere
 from calib_model.progress import Progress
-from selfcenter_probe.hand_motion import HandMotion, MotionSettings, guided
-from selfcenter_probe.hand_reading import HandGuided, probing_set
-from selfcenter_probe.hand_scene import FILES, Scene, read_scene
-from selfcenter_probe.raw_bag import write_raw
+from selfcenter_probe.operator import (
+    FILES,
+    HandGuided,
+    HandMotion,
+    MotionSettings,
+    Scene,
+    guided,
+    probing_set,
+    read_scene,
+    write_raw,
+)
 
 ABOUT = """\
 Let a simulated operator lead a measuring arm by hand around the spheres of a ball bar, as the
@@ -42,31 +49,45 @@ def arguments() -> CommandParser:
     parser = CommandParser('hand_guided', ABOUT, EXAMPLE)
     parser.add_argument('out', metavar='OUT_BAG', type=Path, help='folder to make')
     parser.add_argument(
-        '--probe', metavar='KIND', default='passive',
+        '--probe',
+        metavar='KIND',
+        default='passive',
         help='passive, active, or a YAML file with its description (default: %(default)s)',
-    )  # fmt: skip
+    )
     parser.add_argument(
-        '--locations', metavar='N', type=int, nargs='+', default=list(range(1, 8)),
+        '--locations',
+        metavar='N',
+        type=int,
+        nargs='+',
+        default=list(range(1, 8)),
         help='of the gauge, by number (default: 1 to 7)',
-    )  # fmt: skip
+    )
     parser.add_argument(
-        '--spheres', metavar='N', type=int, nargs='+', default=[1, 6, 10, 14],
+        '--spheres',
+        metavar='N',
+        type=int,
+        nargs='+',
+        default=[1, 6, 10, 14],
         help='of the gauge, by number (default: 1 6 10 14)',
-    )  # fmt: skip
+    )
     parser.add_argument(
         '--poses', metavar='N', type=int, default=385, help='per sphere (default: %(default)s)'
     )
     parser.add_argument(
-        '--speed', metavar='RAD/S', type=float, default=1.0,
+        '--speed',
+        metavar='RAD/S',
+        type=float,
+        default=1.0,
         help='of all joints together (default: %(default)s)',
-    )  # fmt: skip
+    )
     parser.add_argument(
         '--seed', metavar='N', type=int, default=1, help='of arm, gauge and hand (default: 1)'
     )
     parser.add_argument(
-        '--raw', action='store_true',
+        '--raw',
+        action='store_true',
         help='put joint states at 250 Hz and probe readings at 500 Hz into the bag, too',
-    )  # fmt: skip
+    )
     for name, (_, file, meaning) in FILES.items():
         parser.add_argument(
             f'--{name}', metavar='YAML', type=Path, help=f'{meaning} (default: {Path(file).name})'

@@ -4,51 +4,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import cache
 
 import numpy as np
 from calib_interfaces.msg import StylusDisplacements
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from numpy.typing import NDArray
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
-from calib_model.rotation import Array
-from calib_model.topics import Topic
-from selfcenter_probe.health import Report
-from selfcenter_probe.simulation import SECOND, Readings
-
-
-def qos_of(topic: Topic, best_effort: bool = False) -> QoSProfile:
-    """The profile of a topic; `best_effort` for a subscriber that would rather miss than wait."""
-    reliable = topic.reliable and not best_effort
-    return QoSProfile(
-        depth=topic.depth,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE,
-    )
-
-
-def stamp_of(state: JointState) -> int:
-    """The stamp of a joint state in ns."""
-    return int(state.header.stamp.sec) * SECOND + int(state.header.stamp.nanosec)
-
-
-@cache
-def _places(names: tuple[str, ...], wanted: tuple[str, ...]) -> tuple[int, ...] | None:
-    if set(wanted) <= set(names):
-        return tuple(names.index(name) for name in wanted)
-    return None
-
-
-def joints_of(state: JointState, names: Sequence[str]) -> Array | None:
-    """The positions (n,) of the named joints, rad; None where one is missing or no number."""
-    places = _places(tuple(state.name), tuple(names))
-    if places is None or len(state.position) < len(state.name):
-        return None
-    joints: Array = np.array([state.position[i] for i in places])
-    return joints if np.isfinite(joints).all() else None
+from calib_model.arrays import Array
+from calib_model.stamps import SECOND
+from selfcenter_probe.simulation import Readings, Report
 
 
 def displacements(readings: Readings, frame: str) -> Iterator[StylusDisplacements]:
@@ -83,8 +49,10 @@ def diagnostics(report: Report, probe: str, stamp: int) -> DiagnosticArray:
     header = Header()
     header.stamp.sec, header.stamp.nanosec = seconds, nanoseconds
     status = DiagnosticStatus(
-        level=bytes([report.level]), name=f'probe: {probe}', message=report.message,
+        level=bytes([report.level]),
+        name=f'probe: {probe}',
+        message=report.message,
         hardware_id=probe,
         values=[KeyValue(key=key, value=value) for key, value in report.values.items()],
-    )  # fmt: skip
+    )
     return DiagnosticArray(header=header, status=[status])

@@ -17,16 +17,22 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from calib_model.command import run_command
-from calib_model.description import arm_yaml, gauge_yaml, probe_yaml
+from calib_model.command_line import run_command
+from calib_model.descriptions import arm_yaml, gauge_yaml, probe_yaml
 from calib_model.errors import ParameterError
-from calib_model.parameters_node import Parameters
-from calib_model.run_node import NodeCommand, run_node
+from calib_model.nodes import NodeCommand, Parameters, qos_of, run_node
+from calib_model.stamps import SECOND
 from calib_model.topics import DESCRIPTIONS, JOINT_STATES, PROBE_DISPLACEMENTS, Topic
-from selfcenter_probe.hand_motion import SECOND, MotionSettings, guided
-from selfcenter_probe.hand_reading import HandGuided, RawStretch
-from selfcenter_probe.hand_scene import FILES, Scene, read_scene
-from selfcenter_probe.messages import displacements, joint_states, qos_of
+from selfcenter_probe.nodes.messages import displacements, joint_states
+from selfcenter_probe.operator import (
+    FILES,
+    HandGuided,
+    MotionSettings,
+    RawStretch,
+    Scene,
+    guided,
+    read_scene,
+)
 
 SETTLED = 0.3  # s that somebody has listened: both ends know one another by then
 PERIOD = 0.004  # s of the wall clock: how often what is due is published
@@ -61,10 +67,15 @@ def read_parameters(node: Any) -> OperatorParameters:
         DescriptionError: a file cannot be used.
     """
     parameters = Parameters(node)
-    scene = read_scene(parameters.text('probe', 'passive', 'passive, active, or a YAML file'), {
-        name: Path(path) if (path := parameters.text(name, '', f'path; empty: {file}')) else None
-        for name, (_, file, _) in FILES.items()
-    })  # fmt: skip
+    scene = read_scene(
+        parameters.text('probe', 'passive', 'passive, active, or a YAML file'),
+        {
+            name: Path(path)
+            if (path := parameters.text(name, '', f'path; empty: {file}'))
+            else None
+            for name, (_, file, _) in FILES.items()
+        },
+    )
     locations = _numbers(node, 'locations', list(range(1, 8)), sorted(scene.placements))
     spheres = _numbers(node, 'spheres', [1, 6, 10, 14], list(scene.gauge.numbers))
     poses = parameters.whole('poses', 385, 'per sphere', 2, 10**5)
@@ -82,9 +93,7 @@ def read_parameters(node: Any) -> OperatorParameters:
 
 
 def _numbers(node: Any, name: str, default: list[int], known: list[int]) -> list[int]:
-    descriptor = ParameterDescriptor(
-        description=f'of {known}', dynamic_typing=True, read_only=True
-    )
+    descriptor = ParameterDescriptor(description=f'of {known}', dynamic_typing=True, read_only=True)
     value = node.declare_parameter(name, default, descriptor).value
     # rcl hands over an empty list as None, lists of numbers as array.array
     scalar = value is None or isinstance(value, str | int | float)

@@ -19,19 +19,19 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from calib_model.command import run_command
-from calib_model.description import (
+from calib_model.command_line import run_command
+from calib_model.descriptions import (
     gauge_yaml,
     parse_arm,
     parse_gauge,
+    parse_placements,
     parse_probe,
     probe_yaml,
     read_description,
 )
 from calib_model.errors import ParameterError
-from calib_model.parameters_node import Parameters
-from calib_model.placement import parse_placements
-from calib_model.run_node import NodeCommand, run_node
+from calib_model.nodes import NodeCommand, Parameters, joints_of, qos_of, run_node, stamp_of
+from calib_model.stamps import SECOND
 from calib_model.topics import (
     DIAGNOSTICS,
     GAUGE_DESCRIPTION,
@@ -40,11 +40,8 @@ from calib_model.topics import (
     PROBE_DISPLACEMENTS,
     Topic,
 )
-from selfcenter_probe.health import Health
-from selfcenter_probe.magnitudes import parse_magnitudes
-from selfcenter_probe.messages import diagnostics, displacements, joints_of, qos_of, stamp_of
-from selfcenter_probe.simulation import SECOND, ProbeSimulation
-from selfcenter_probe.world import World
+from selfcenter_probe.nodes.messages import diagnostics, displacements
+from selfcenter_probe.simulation import Health, ProbeSimulation, World, parse_magnitudes
 
 T = TypeVar('T')
 #: parameter: the package and file it defaults to, and what it is
@@ -92,11 +89,9 @@ def read_parameters(
     """
     parameters = Parameters(node)
     paths = {
-        name: parameters.text(
-            name, '', f'path of a YAML file: {what}; empty: {file} of {package}'
-        )
+        name: parameters.text(name, '', f'path of a YAML file: {what}; empty: {file} of {package}')
         for name, (package, file, what) in FILES.items()
-    }  # fmt: skip
+    }
     text = 'of the world and its noise; -1: the one in the world file'
     seed = parameters.whole('seed', -1, text, -1, 2**62)
     text = 'Hz, readings per second of the stamps'
@@ -182,7 +177,7 @@ class ProbeNode(Node):
                 throttle_duration_sec=COMPLAINT_PERIOD,
             )
             return
-        readings = self._simulation.advance([stamp_of(state)], joints).shifted(-self._offset)
+        readings = self._simulation.advance([stamp_of(state.header)], joints).shifted(-self._offset)
         self._health.take(readings)
         for message in displacements(readings, self._frame):
             self._readings.publish(message)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.probe import PassiveProbe, Probe
-from calib_model.rotation import Array
-from selfcenter_probe.magnitudes import Magnitudes
+from calib_model.arrays import Array
+from calib_model.instruments import PassiveProbe, Probe
+from selfcenter_probe.simulation import Magnitudes
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from calib_model.arrays import Array
 from calib_model.errors import DataError
-from calib_model.probe import PassiveProbe
-from calib_model.rotation import Array, RigidTransform
-from selfcenter_probe.hand_path import Hold, postures, ways
-from selfcenter_probe.world import World
+from calib_model.instruments import PassiveProbe
+from calib_model.stamps import SECOND
+from calib_model.transforms import RigidTransform
+from selfcenter_probe.operator.path import Hold, postures, ways
+from selfcenter_probe.simulation import World
 
-SECOND = 1_000_000_000  # ns
 TICK = 4_000_000  # ns: joint states come at 250 Hz, and poses are taken at stamps that have one
 START = 1_700_000_000 * SECOND
 LIFT = 1 * SECOND  # from one seating to the next

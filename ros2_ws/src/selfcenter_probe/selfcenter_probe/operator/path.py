@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from calib_model.arm import Arm
-from calib_model.rotation import Array
-from selfcenter_probe.seating import reach, seated
+from calib_model.arrays import Array
+from calib_model.instruments import Arm
+from selfcenter_probe.operator.seating import reach, seated
 
 TRIED = 1500  # random postures per sphere: how much of the room of postures gets looked into
 ENOUGH = 15  # of these must fit: with fewer the hand is at the edge of what can be reached
@@ -58,9 +58,7 @@ def postures(hold: Hold, generator: np.random.Generator) -> Array:
     return q if len(q) >= ENOUGH else q[:0]
 
 
-def ways(
-    hold: Hold, found: Array, count: int, generator: np.random.Generator
-) -> list[CubicSpline]:
+def ways(hold: Hold, found: Array, count: int, generator: np.random.Generator) -> list[CubicSpline]:
     """Up to `count` ways through postures `found` (K, n), far from one another.
 
     Each takes the length of the way (rad, of all joints together, from 0 to its last knot) to

@@ -8,12 +8,10 @@ from heapq import merge
 from pathlib import Path
 from typing import Any
 
-from calib_model import cdr
-from calib_model.bag import write_descriptions
-from calib_model.bag_writer import BagWriter
-from calib_model.probing import Measurement
+from calib_model.bags import BagWriter, cdr, write_descriptions
+from calib_model.measurement import Measurement
 from calib_model.topics import CAPTURE_POSES, JOINT_STATES, PROBE_DISPLACEMENTS, Topic
-from selfcenter_probe.hand_reading import HandGuided, RawStretch
+from selfcenter_probe.operator.readings import HandGuided, RawStretch
 
 Sent = tuple[int, int, Topic, Any]  # stamp in ns, order at the same stamp, topic, message
 
@@ -63,7 +61,12 @@ def _poses(measured: Measurement) -> Iterator[Sent]:
     for i in range(len(poses)):
         stamp = int(poses.stamp[i])
         pose = cdr.probing_pose(
-            stamp, measured.arm.base_frame, int(poses.location[i]), int(poses.sphere[i]),
-            poses.joints[i], poses.displacement[i], int(poses.readings[i]),
-        )  # fmt: skip
+            stamp,
+            measured.arm.base_frame,
+            int(poses.location[i]),
+            int(poses.sphere[i]),
+            poses.joints[i],
+            poses.displacement[i],
+            int(poses.readings[i]),
+        )
         yield stamp, 1, CAPTURE_POSES, pose

@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
+from calib_model.arrays import Array
 from calib_model.errors import DataError
-from calib_model.probing import ProbingSet
-from calib_model.rotation import Array
-from selfcenter_probe.contact import Contact, Status
-from selfcenter_probe.hand_force import HandForce, overhang
-from selfcenter_probe.hand_motion import (
+from calib_model.measurement import ProbingSet
+from calib_model.stamps import SECOND
+from selfcenter_probe.operator.force import HandForce, overhang
+from selfcenter_probe.operator.motion import (
     LIFT,
-    SECOND,
     TICK,
     HandMotion,
     Seating,
@@ -25,9 +24,9 @@ from selfcenter_probe.hand_motion import (
     hand_axis,
     p_probe_of,
 )
-from selfcenter_probe.seating import reach, seated
-from selfcenter_probe.simulation import Readings
-from selfcenter_probe.world import World
+from selfcenter_probe.operator.seating import reach, seated
+from selfcenter_probe.sensing import Contact, Status
+from selfcenter_probe.simulation import Readings, World
 
 READ_PERIOD = 2_000_000  # ns: the styli are read at 500 Hz
 

@@ -11,15 +11,17 @@ from typing import TypeVar
 import numpy as np
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
-from calib_model.arm import Arm
-from calib_model.command import UsageError
-from calib_model.description import parse_arm, parse_gauge, parse_probe, read_description
-from calib_model.gauge import Gauge
-from calib_model.placement import parse_placements
-from calib_model.probe import Probe
-from calib_model.rotation import RigidTransform
-from selfcenter_probe.magnitudes import Magnitudes, parse_magnitudes
-from selfcenter_probe.world import World
+from calib_model.command_line import UsageError
+from calib_model.descriptions import (
+    parse_arm,
+    parse_gauge,
+    parse_placements,
+    parse_probe,
+    read_description,
+)
+from calib_model.instruments import Arm, Gauge, Probe
+from calib_model.transforms import RigidTransform
+from selfcenter_probe.simulation import Magnitudes, World, parse_magnitudes
 
 T = TypeVar('T')
 PROBES = {'passive': 'passive_seat_faro', 'active': 'active_trihedron_faro'}

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.arm import Arm
+from calib_model.arrays import Array
+from calib_model.instruments import Arm
 from calib_model.kinematics import joint_frames
-from calib_model.rotation import Array
 
 EXACT = 1e-12  # m
 LARGEST_STEP = 0.5  # rad, of all joints together: Newton from far away overshoots

@@ -9,8 +9,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.probe import STYLI, ActiveProbe, PassiveProbe
-from calib_model.rotation import Array
+from calib_model.arrays import Array
+from calib_model.instruments import STYLI, ActiveProbe, PassiveProbe
 
 
 class Status(IntEnum):

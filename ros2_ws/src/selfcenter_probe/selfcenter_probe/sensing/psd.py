@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.rotation import Array, frozen
+from calib_model.arrays import Array, frozen
 
 ELEMENTARY_CHARGE = 1.602176634e-19  # C
 #: waves of the linearity error along the strip; shorter ones are smeared out by the light spot

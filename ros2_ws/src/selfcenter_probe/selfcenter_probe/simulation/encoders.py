@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.rotation import Array, frozen
+from calib_model.arrays import Array, frozen
 
 
 class Repeatability:

@@ -9,8 +9,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from selfcenter_probe.contact import Status
-from selfcenter_probe.simulation import Readings
+from selfcenter_probe.sensing import Status
+from selfcenter_probe.simulation.readings import Readings
 
 
 class Level(IntEnum):

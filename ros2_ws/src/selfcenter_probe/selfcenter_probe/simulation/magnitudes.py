@@ -6,8 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-from calib_model.fields import Fields, load_mapping
-from selfcenter_probe.psd import PsdDesign
+from calib_model.files import Fields, load_mapping
+from selfcenter_probe.sensing import PsdDesign
 
 
 @dataclass(frozen=True)
@@ -87,9 +87,7 @@ class Magnitudes:
         """The same world measured perfectly: what a noise-free bag is made from."""
         return replace(
             self,
-            arm=replace(
-                self.arm, repeatability=0.0, eccentricity=0.0, ovality=0.0, compliance=0.0
-            ),
+            arm=replace(self.arm, repeatability=0.0, eccentricity=0.0, ovality=0.0, compliance=0.0),
             gauge=replace(self.gauge, certificate=0.0, give_level=0.0, give_vertical=0.0),
             psd=self.psd.perfect(),
         )

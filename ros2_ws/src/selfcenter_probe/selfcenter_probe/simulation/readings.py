@@ -9,13 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calib_model.arrays import Array
 from calib_model.errors import DataError
-from calib_model.probing import ProbingSet
-from calib_model.rotation import Array
-from selfcenter_probe.contact import Contact, Status
-from selfcenter_probe.world import World
-
-SECOND = 1_000_000_000  # ns
+from calib_model.measurement import ProbingSet
+from calib_model.stamps import SECOND
+from selfcenter_probe.sensing import Contact, Status
+from selfcenter_probe.simulation.world import World
 
 
 @dataclass(frozen=True)

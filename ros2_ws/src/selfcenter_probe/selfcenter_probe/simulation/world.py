@@ -9,16 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.arm import JOINT_PARAMETERS, Arm
-from calib_model.gauge import Gauge
-from calib_model.kinematics import forward
-from calib_model.parameters import LENGTHS
-from calib_model.probe import STYLI, PassiveProbe, Probe
-from calib_model.rotation import Array, RigidTransform, frozen, rotation_matrix, rotation_vector
-from selfcenter_probe.contact import Contact, Status, seat, touch
-from selfcenter_probe.joint_errors import Encoders, Repeatability
-from selfcenter_probe.magnitudes import ArmMagnitudes, Magnitudes
-from selfcenter_probe.psd import Psds
+from calib_model.arrays import Array, frozen
+from calib_model.instruments import JOINT_PARAMETERS, STYLI, Arm, Gauge, PassiveProbe, Probe
+from calib_model.kinematics import LENGTHS, forward_kinematics
+from calib_model.transforms import RigidTransform, rotation_matrix, rotation_vector
+from selfcenter_probe.sensing import Contact, Psds, Status, seat, touch
+from selfcenter_probe.simulation.encoders import Encoders, Repeatability
+from selfcenter_probe.simulation.magnitudes import ArmMagnitudes, Magnitudes
 
 
 @dataclass(frozen=True)
@@ -70,17 +67,23 @@ class World:
         of_arm, of_probe, of_psds, of_gauge, of_placements, of_encoders = generator.spawn(6)
         bound = magnitudes.bound
         mount = moved(
-            probe.flange_T_probe, magnitudes.probe.translation, magnitudes.probe.rotation,
-            bound, of_probe,
-        )  # fmt: skip
+            probe.flange_T_probe,
+            magnitudes.probe.translation,
+            magnitudes.probe.rotation,
+            bound,
+            of_probe,
+        )
         centers = true_centers(gauge, magnitudes.gauge.certificate, bound, of_gauge)
         stands = [
             moved(
-                placements[number], magnitudes.gauge.translation, magnitudes.gauge.rotation,
-                bound, of_placements,
+                placements[number],
+                magnitudes.gauge.translation,
+                magnitudes.gauge.rotation,
+                bound,
+                of_placements,
             )
             for number in sorted(placements)
-        ]  # fmt: skip
+        ]
         return cls(
             true_arm(arm, magnitudes.arm, bound, of_arm),
             probe.mounted(mount),
@@ -91,9 +94,7 @@ class World:
             np.tile(np.array(gauge.numbers, dtype=np.int64), len(stands)),
             frozen(np.concatenate([stand.apply(centers) for stand in stands])),
             magnitudes,
-            Encoders.drawn(
-                magnitudes.arm.eccentricity, magnitudes.arm.ovality, arm.n, of_encoders
-            ),
+            Encoders.drawn(magnitudes.arm.eccentricity, magnitudes.arm.ovality, arm.n, of_encoders),
         )
 
     def repeatability(self, generator: np.random.Generator) -> Repeatability:
@@ -103,7 +104,7 @@ class World:
 
     def sight(self, true_joints: Array) -> Sighting:
         """The sphere nearest to the probe's middle at true joint angles (N, n), rad."""
-        T_base_flange = forward(self.arm, true_joints)
+        T_base_flange = forward_kinematics(self.arm, true_joints)
         mount = self.probe.flange_T_probe
         R_base_probe = T_base_flange[:, :3, :3] @ mount.rotation
         p_flange_middle = mount.apply(self.p_probe_middle)

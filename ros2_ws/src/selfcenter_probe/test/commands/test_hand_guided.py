@@ -6,20 +6,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib_model.bag import read_measurement
-from calib_model.bag_reader import read_messages
-from calib_model.cdr import decode, stamp_of
+from calib_model.bags import decode, read_measurement, read_messages, stamp_of
 from calib_model.errors import DataError
 from calib_model.kinematics import points
 from calib_model.topics import DISPLACEMENTS, JOINT_STATE, JOINT_STATES, PROBE_DISPLACEMENTS
-from selfcenter_probe import hand_guided
-from selfcenter_probe.hand_motion import LIFT, TICK, MotionSettings, guided
-from selfcenter_probe.hand_path import LIMIT_MARGIN
-from selfcenter_probe.hand_reading import HandGuided, probing_set
-from selfcenter_probe.hand_scene import Scene, read_scene
-from selfcenter_probe.magnitudes import parse_magnitudes
+from selfcenter_probe.commands import hand_guided
+from selfcenter_probe.operator import (
+    LIFT,
+    LIMIT_MARGIN,
+    TICK,
+    HandGuided,
+    MotionSettings,
+    Scene,
+    guided,
+    probing_set,
+    read_scene,
+)
+from selfcenter_probe.simulation import parse_magnitudes
 
-SOURCE = Path(__file__).resolve().parents[2]
+SOURCE = Path(__file__).resolve().parents[3]
 CONFIG = SOURCE / 'calib_bringup' / 'config'
 WORLD = SOURCE / 'selfcenter_probe' / 'config' / 'world_faro.yaml'
 PROBES = {
@@ -215,9 +220,7 @@ def test_a_raw_bag_holds_both_streams_in_time_order(monkeypatch, tmp_path, kind)
     assert times == sorted(times)
     by_stamp = {
         stamp_of(state): state.position
-        for state in (
-            decode(JOINT_STATE, m.data) for m in messages if m.topic == JOINT_STATES.name
-        )
+        for state in (decode(JOINT_STATE, m.data) for m in messages if m.topic == JOINT_STATES.name)
     }
     for stamp, joints in zip(raw.poses.stamp.tolist(), raw.poses.joints, strict=True):
         assert np.array_equal(by_stamp[stamp], joints)

@@ -15,32 +15,33 @@ import pytest
 rclpy = pytest.importorskip('rclpy')
 pytest.importorskip('calib_interfaces.msg')
 
-from calib_interfaces.msg import StylusDisplacements  # noqa: E402
-from rclpy.executors import SingleThreadedExecutor  # noqa: E402
-from sensor_msgs.msg import JointState  # noqa: E402
-from std_msgs.msg import String  # noqa: E402
+from calib_interfaces.msg import StylusDisplacements
+from rclpy.executors import SingleThreadedExecutor
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
-from calib_bringup.domains import held_domain  # noqa: E402
-from calib_model.description import parse_arm, parse_gauge, parse_probe  # noqa: E402
-from calib_model.topics import (  # noqa: E402
-    DESCRIPTIONS,
-    JOINT_STATES,
-    PROBE_DISPLACEMENTS,
+from calib_bringup.domains import held_domain
+from calib_model.descriptions import parse_arm, parse_gauge, parse_probe
+from calib_model.nodes import (
+    qos_of,
+    stamp_of,
 )
-from selfcenter_probe.hand_motion import TICK  # noqa: E402
-from selfcenter_probe.messages import qos_of, stamp_of  # noqa: E402
+from calib_model.topics import DESCRIPTIONS, JOINT_STATES, PROBE_DISPLACEMENTS
+from selfcenter_probe.operator import TICK
 
 DOMAIN = held_domain()
 TIMEOUT = 30.0
 ENVIRONMENT = {
-    **os.environ, 'ROS_DOMAIN_ID': str(DOMAIN), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-}  # fmt: skip
+    **os.environ,
+    'ROS_DOMAIN_ID': str(DOMAIN),
+    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+}
 pytestmark = pytest.mark.timeout(60)
 
 
 def started(*parameters):
     given = [word for parameter in parameters for word in ('-p', parameter)]
-    line = [sys.executable, '-m', 'selfcenter_probe.operator_node', '--ros-args', *given]
+    line = [sys.executable, '-m', 'selfcenter_probe.nodes.operator_node', '--ros-args', *given]
     return subprocess.Popen(line, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True)
 
 
@@ -79,9 +80,9 @@ def test_both_streams_come_at_their_rates_with_the_descriptions(listener):
     assert process.returncode == 0, said
     readings = heard[PROBE_DISPLACEMENTS.name]
     assert len(readings) >= 1500, said
-    states = np.array([stamp_of(state) for state in heard[JOINT_STATES.name]])
+    states = np.array([stamp_of(state.header) for state in heard[JOINT_STATES.name]])
     assert np.median(np.diff(states)) == TICK
-    read = np.array([stamp_of(reading) for reading in readings])
+    read = np.array([stamp_of(reading.header) for reading in readings])
     assert np.median(np.diff(read)) == TICK // 2
     assert abs(states[0] / 1e9 - time.time()) < 120  # the wall clock's, not the simulation's
     assert len(heard[JOINT_STATES.name][0].position) == 6

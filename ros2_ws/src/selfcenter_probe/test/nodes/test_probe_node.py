@@ -16,26 +16,26 @@ import pytest
 rclpy = pytest.importorskip('rclpy')
 pytest.importorskip('calib_interfaces.msg')
 
-from calib_interfaces.msg import StylusDisplacements  # noqa: E402
-from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
-from rclpy.executors import SingleThreadedExecutor  # noqa: E402
-from rclpy.node import Node  # noqa: E402
-from sensor_msgs.msg import JointState  # noqa: E402
-from std_msgs.msg import String  # noqa: E402
+from calib_interfaces.msg import StylusDisplacements
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
-from calib_bringup.domains import held_domain  # noqa: E402
-from calib_model.description import arm_yaml, gauge_yaml, probe_yaml  # noqa: E402
-from calib_model.topics import (  # noqa: E402
+from calib_bringup.domains import held_domain
+from calib_model.descriptions import arm_yaml, gauge_yaml, probe_yaml
+from calib_model.nodes import qos_of
+from calib_model.stamps import SECOND
+from calib_model.topics import (
     DESCRIPTIONS,
     GAUGE_DESCRIPTION,
     JOINT_STATES,
     PROBE_DESCRIPTION,
     PROBE_DISPLACEMENTS,
 )
-from selfcenter_probe.contact import Status  # noqa: E402
-from selfcenter_probe.magnitudes import Magnitudes  # noqa: E402
-from selfcenter_probe.messages import qos_of  # noqa: E402
-from selfcenter_probe.simulation import SECOND  # noqa: E402
+from selfcenter_probe.sensing import Status
+from selfcenter_probe.simulation import Magnitudes
 
 DOMAIN = held_domain()
 T0 = 1_700_000_000
@@ -47,10 +47,13 @@ pytestmark = pytest.mark.timeout(60)
 def files(scene, tmp_path, default_world_file):
     """The parameters of the node: the scene in files."""
     rows = [
-        {'number': n, 'translation': t.translation.tolist(),
-         'rotation_vector': t.rotation_vector.tolist()}
+        {
+            'number': n,
+            'translation': t.translation.tolist(),
+            'rotation_vector': t.rotation_vector.tolist(),
+        }
         for n, t in scene.placements.items()
-    ]  # fmt: skip
+    ]
     texts = {
         'arm': arm_yaml(scene.arm),
         'probe': probe_yaml(scene.probe),
@@ -65,7 +68,7 @@ def files(scene, tmp_path, default_world_file):
 
 def command(parameters):
     pairs = [part for key, value in parameters.items() for part in ('-p', f'{key}:={value}')]
-    return [sys.executable, '-m', 'selfcenter_probe.probe_node', '--ros-args', *pairs]
+    return [sys.executable, '-m', 'selfcenter_probe.nodes.probe_node', '--ros-args', *pairs]
 
 
 def environment():
@@ -99,15 +102,18 @@ class Listener(Node):
         super().__init__('listener', context=context)
         self.readings, self.texts = [], {}
         self.create_subscription(
-            StylusDisplacements, PROBE_DISPLACEMENTS.name, self.readings.append,
+            StylusDisplacements,
+            PROBE_DISPLACEMENTS.name,
+            self.readings.append,
             qos_of(PROBE_DISPLACEMENTS),
-        )  # fmt: skip
+        )
         for topic in DESCRIPTIONS:
             self.create_subscription(
-                String, topic.name,
+                String,
+                topic.name,
                 lambda message, name=topic.name: self.texts.update({name: message.data}),
                 qos_of(topic),
-            )  # fmt: skip
+            )
         self.states = self.create_publisher(JointState, JOINT_STATES.name, qos_of(JOINT_STATES))
         self.executor_ = SingleThreadedExecutor(context=context)
         self.executor_.add_node(self)
@@ -250,9 +256,13 @@ def test_what_cannot_be_used_is_one_line_and_exit_code_2(files, change, named):
         change, named = {'world': broken}, "unknown key 'lenght': is it 'length'?"
     change = {key: files['arm'] if value == 'ARM' else value for key, value in change.items()}
     done = subprocess.run(
-        command({**files, **change}), env=environment(), capture_output=True, text=True,
-        timeout=TIMEOUT, check=False,
-    )  # fmt: skip
+        command({**files, **change}),
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT,
+        check=False,
+    )
     assert done.returncode == 2
     assert done.stdout == ''
     assert len(done.stderr.splitlines()) == 1

@@ -2,14 +2,9 @@
 import numpy as np
 import pytest
 
-from calib_model.probe import PassiveProbe
-from selfcenter_probe.hand_force import HandForce, overhang
-from selfcenter_probe.magnitudes import (
-    ArmMagnitudes,
-    GaugeMagnitudes,
-    HandMagnitudes,
-    Magnitudes,
-)
+from calib_model.instruments import PassiveProbe
+from selfcenter_probe.operator.force import HandForce, overhang
+from selfcenter_probe.simulation import ArmMagnitudes, GaugeMagnitudes, HandMagnitudes, Magnitudes
 
 WORLD = Magnitudes(
     arm=ArmMagnitudes(compliance=1e-5),

@@ -2,7 +2,7 @@
 import numpy as np
 
 from calib_model.kinematics import point_derivatives
-from selfcenter_probe.seating import reach, seated
+from selfcenter_probe.operator.seating import reach, seated
 
 P_FLANGE = np.array([0.0, 0.0, 0.1])
 

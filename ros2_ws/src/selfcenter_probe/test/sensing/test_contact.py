@@ -4,12 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
-from calib_model.probe import PassiveProbe, trihedron
-from calib_model.rotation import RigidTransform
-from selfcenter_probe.contact import Status, seat, touch
+from calib_model.instruments import PassiveProbe, trihedron
+from calib_model.transforms import RigidTransform
+from selfcenter_probe.sensing.contact import Status, seat, touch
 
 DIAMETER = 0.022
 PROBE = trihedron(RigidTransform())
@@ -97,7 +96,7 @@ def test_a_seat_holds_the_sphere_that_is_near_it(off, status):
 
 
 def test_the_statuses_are_those_of_the_message():
-    source = Path(__file__).resolve().parents[2]
+    source = Path(__file__).resolve().parents[3]
     text = (source / 'calib_interfaces' / 'msg' / 'StylusDisplacements.msg').read_text()
     constants = dict(re.findall(r'^uint8 ([A-Z_]+)=(\d+)', text, re.MULTILINE))
     assert {name: int(value) for name, value in constants.items()} == {

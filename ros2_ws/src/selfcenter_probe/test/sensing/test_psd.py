@@ -3,11 +3,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
-from selfcenter_probe.psd import PsdDesign, Psds, decode
+from selfcenter_probe.sensing.psd import PsdDesign, Psds, decode
 
 STROKE = 0.003
 readings = arrays(np.float64, (4, 3), elements=st.floats(-STROKE, STROKE))

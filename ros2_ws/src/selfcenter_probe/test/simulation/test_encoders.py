@@ -4,9 +4,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from selfcenter_probe.joint_errors import Encoders
-from selfcenter_probe.magnitudes import ArmMagnitudes, Magnitudes
-from selfcenter_probe.simulation import probe_postures
+from selfcenter_probe.simulation.encoders import Encoders
+from selfcenter_probe.simulation.magnitudes import ArmMagnitudes, Magnitudes
+from selfcenter_probe.simulation.readings import probe_postures
 
 Q = np.random.default_rng(3).uniform(-3, 3, (200, 6))
 

@@ -2,9 +2,9 @@
 import numpy as np
 import pytest
 
-from selfcenter_probe.contact import Status
-from selfcenter_probe.health import Health, Level
-from selfcenter_probe.simulation import Readings
+from selfcenter_probe.sensing import Status
+from selfcenter_probe.simulation.health import Health, Level
+from selfcenter_probe.simulation.readings import Readings
 
 pytestmark = pytest.mark.timeout(30)
 
@@ -19,12 +19,15 @@ def read(*status):
 OK, GONE, FAR, WEAK = Status.OK, Status.NO_CONTACT, Status.OVER_TRAVEL, Status.WEAK_SIGNAL
 
 
-@pytest.mark.parametrize(('status', 'level', 'message'), [
-    ([OK, OK, OK], Level.OK, 'reading'),
-    ([GONE, GONE, GONE], Level.OK, 'no contact'),
-    ([OK, FAR, OK], Level.WARN, 'over-travel of stylus 2'),
-    ([WEAK, FAR, WEAK], Level.ERROR, 'weak signal of stylus 1, 3'),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ('status', 'level', 'message'),
+    [
+        ([OK, OK, OK], Level.OK, 'reading'),
+        ([GONE, GONE, GONE], Level.OK, 'no contact'),
+        ([OK, FAR, OK], Level.WARN, 'over-travel of stylus 2'),
+        ([WEAK, FAR, WEAK], Level.ERROR, 'weak signal of stylus 1, 3'),
+    ],
+)
 def test_the_worst_of_the_last_moments_is_told(status, level, message):
     health = Health()
     health.take(read(status, [OK, OK, OK]) if level else read(status))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 import numpy as np
 
-from selfcenter_probe.joint_errors import Repeatability
+from selfcenter_probe.simulation.encoders import Repeatability
 
 SIGMA, TRAVEL = 1e-5, 0.05
 

@@ -2,7 +2,7 @@
 import pytest
 
 from calib_model.errors import DescriptionError
-from selfcenter_probe.magnitudes import Magnitudes, parse_magnitudes
+from selfcenter_probe.simulation.magnitudes import Magnitudes, parse_magnitudes
 
 
 def test_the_default_world_is_off_in_everything_it_should_be(magnitudes):

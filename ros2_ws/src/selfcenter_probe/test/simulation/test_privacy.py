@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-SOURCE = Path(__file__).resolve().parents[2]
+SOURCE = Path(__file__).resolve().parents[3]
 PACKAGE = 'selfcenter_probe'
 OTHERS = ('calib_model', 'calib_capture', 'calib_solver', 'calib_interfaces')
 
@@ -42,9 +42,9 @@ def test_no_measuring_package_depends_on_it(package):
 def test_this_test_would_see_one_that_does(tmp_path):
     file = tmp_path / 'cheat.py'
     for text in (
-        'from selfcenter_probe.world import World',
+        'from selfcenter_probe.simulation.world import World',
         'import selfcenter_probe',
-        "import importlib; importlib.import_module('selfcenter_probe.world')",
+        "import importlib; importlib.import_module('selfcenter_probe.simulation.world')",
     ):
         file.write_text(text)
         assert knows(file)

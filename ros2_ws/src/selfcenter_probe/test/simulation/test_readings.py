@@ -3,15 +3,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from calib_model.errors import DataError
+from calib_model.instruments import PassiveProbe
 from calib_model.kinematics import points
-from calib_model.probe import PassiveProbe
-from selfcenter_probe.contact import Status
-from selfcenter_probe.magnitudes import Magnitudes
-from selfcenter_probe.simulation import SECOND, ProbeSimulation, Readings, probe_postures
+from calib_model.stamps import SECOND
+from selfcenter_probe.sensing import Status
+from selfcenter_probe.simulation.magnitudes import Magnitudes
+from selfcenter_probe.simulation.readings import ProbeSimulation, Readings, probe_postures
 
 T0 = 1_700_000_000 * SECOND
 MS = 1_000_000
@@ -23,9 +23,11 @@ def simulation(scene, magnitudes, seed=1, **options):
 
 def joined(parts):
     return Readings(
-        *(np.concatenate([getattr(part, key) for part in parts])
-          for key in ('stamp', 'displacement', 'status'))
-    )  # fmt: skip
+        *(
+            np.concatenate([getattr(part, key) for part in parts])
+            for key in ('stamp', 'displacement', 'status')
+        )
+    )
 
 
 def equal(first, second):

@@ -4,14 +4,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib_model.arm import JOINT_PARAMETERS
 from calib_model.errors import ContactError
+from calib_model.instruments import JOINT_PARAMETERS
 from calib_model.kinematics import points
-from calib_model.rotation import RigidTransform, rotation_vector
-from selfcenter_probe.contact import Status
-from selfcenter_probe.magnitudes import GaugeMagnitudes, Magnitudes
-from selfcenter_probe.simulation import probe_postures
-from selfcenter_probe.world import bounded_normal, moved, true_centers
+from calib_model.transforms import RigidTransform, rotation_vector
+from selfcenter_probe.sensing import Status
+from selfcenter_probe.simulation.magnitudes import GaugeMagnitudes, Magnitudes
+from selfcenter_probe.simulation.readings import probe_postures
+from selfcenter_probe.simulation.world import bounded_normal, moved, true_centers
 
 
 def same(first, second):

@@ -12,10 +12,15 @@ EXAMPLE = 'ros2 action list -t'
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_discovery_arguments(parser)
-    parser.add_argument('-t', '--show-types', action='store_true',
-                        help='Additionally show the action type')
-    parser.add_argument('-c', '--count-actions', action='store_true',
-                        help='Only display the number of actions discovered')
+    parser.add_argument(
+        '-t', '--show-types', action='store_true', help='Additionally show the action type'
+    )
+    parser.add_argument(
+        '-c',
+        '--count-actions',
+        action='store_true',
+        help='Only display the number of actions discovered',
+    )
 
 
 def main(args: argparse.Namespace) -> None:

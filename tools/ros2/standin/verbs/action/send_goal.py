@@ -25,14 +25,20 @@ EXAMPLE = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('action_name', help="Name of the ROS action (e.g. '/capture/run')")
-    parser.add_argument('action_type',
-                        help="Type of the ROS action (e.g. 'calib_interfaces/action/Capture')")
+    parser.add_argument(
+        'action_type', help="Type of the ROS action (e.g. 'calib_interfaces/action/Capture')"
+    )
     group = parser.add_mutually_exclusive_group()
-    group.add_argument('goal', nargs='?', default='{}',
-                       help="Goal request values in YAML format (e.g. '{bag: here}')")
+    group.add_argument(
+        'goal',
+        nargs='?',
+        default='{}',
+        help="Goal request values in YAML format (e.g. '{bag: here}')",
+    )
     group.add_argument('--stdin', action='store_true', help='Read goal from standard input')
-    parser.add_argument('-f', '--feedback', action='store_true',
-                        help='Echo feedback messages for the goal')
+    parser.add_argument(
+        '-f', '--feedback', action='store_true', help='Echo feedback messages for the goal'
+    )
 
 
 def main(args: argparse.Namespace) -> None:
@@ -43,9 +49,14 @@ def main(args: argparse.Namespace) -> None:
         client = ActionClient(node, action, args.action_name)
         try:
             print('Waiting for an action server to become available...')
-            wait_for_server(node, client.server_is_ready, args.action_name, 'action',
-                            full_name(args.action_type, 'action'),
-                            lambda: get_action_names_and_types(node))
+            wait_for_server(
+                node,
+                client.server_is_ready,
+                args.action_name,
+                'action',
+                full_name(args.action_type, 'action'),
+                lambda: get_action_names_and_types(node),
+            )
             send(node, client, goal, show_feedback if args.feedback else None)
         finally:
             client.destroy()

@@ -63,8 +63,10 @@ def description(folder: Path, info: dict[str, Any]) -> str:
 
 def topic(entry: dict[str, Any]) -> str:
     about = entry['topic_metadata']
-    return (f'Topic: {about["name"]} | Type: {about["type"]} | Count: {entry["message_count"]} | '
-            f'Serialization Format: {about["serialization_format"]}')
+    return (
+        f'Topic: {about["name"]} | Type: {about["type"]} | Count: {entry["message_count"]} | '
+        f'Serialization Format: {about["serialization_format"]}'
+    )
 
 
 def readable(size: float) -> str:

@@ -16,12 +16,15 @@ EXAMPLE = 'ros2 interface show calib_interfaces/srv/Identify'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('type', help="Show an interface definition (e.g. "
-                        "'calib_interfaces/msg/ProbingPose')")
-    parser.add_argument('--all-comments', action='store_true',
-                        help='Show all comments, those of nested messages too')
-    parser.add_argument('--no-comments', action='store_true',
-                        help='Show no comments or whitespace')
+    parser.add_argument(
+        'type', help="Show an interface definition (e.g. 'calib_interfaces/msg/ProbingPose')"
+    )
+    parser.add_argument(
+        '--all-comments',
+        action='store_true',
+        help='Show all comments, those of nested messages too',
+    )
+    parser.add_argument('--no-comments', action='store_true', help='Show no comments or whitespace')
 
 
 def main(args: argparse.Namespace) -> None:
@@ -47,8 +50,13 @@ def show(text: str, package: str, indent: str, comments: bool, nested_comments: 
             print(indent + (line if comments else bare))
         nested = nested_message(bare, package)
         if nested is not None:
-            show(definition(*nested), nested[0], f'{indent}\t', comments and nested_comments,
-                 nested_comments)
+            show(
+                definition(*nested),
+                nested[0],
+                f'{indent}\t',
+                comments and nested_comments,
+                nested_comments,
+            )
 
 
 def nested_message(line: str, package: str) -> tuple[str, str, str] | None:

@@ -11,10 +11,15 @@ EXAMPLE = 'ros2 node list'
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_discovery_arguments(parser)
-    parser.add_argument('-a', '--all', action='store_true',
-                        help='Display all nodes even hidden ones')
-    parser.add_argument('-c', '--count-nodes', action='store_true',
-                        help='Only display the number of nodes discovered')
+    parser.add_argument(
+        '-a', '--all', action='store_true', help='Display all nodes even hidden ones'
+    )
+    parser.add_argument(
+        '-c',
+        '--count-nodes',
+        action='store_true',
+        help='Only display the number of nodes discovered',
+    )
 
 
 def main(args: argparse.Namespace) -> None:
@@ -24,7 +29,10 @@ def main(args: argparse.Namespace) -> None:
         print(len(names))
         return
     if len(set(names)) < len(names):
-        print('WARNING: Be aware that there are nodes in the graph that share an exact name, '
-              'which can have unintended side effects.', file=sys.stderr)
+        print(
+            'WARNING: Be aware that there are nodes in the graph that share an exact name, '
+            'which can have unintended side effects.',
+            file=sys.stderr,
+        )
     for name in names:
         print(name)

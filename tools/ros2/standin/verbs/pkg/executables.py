@@ -12,8 +12,9 @@ EXAMPLE = 'ros2 pkg executables calib_solver'
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('package_name', nargs='?', help='The package name')
-    parser.add_argument('--full-path', action='store_true',
-                        help='Show full path of each executable')
+    parser.add_argument(
+        '--full-path', action='store_true', help='Show full path of each executable'
+    )
 
 
 def main(args: argparse.Namespace) -> None:

@@ -10,8 +10,7 @@ EXAMPLE = 'ros2 pkg prefix calib_bringup --share'
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('package_name', help='The package name')
-    parser.add_argument('--share', action='store_true',
-                        help='Show share directory for the package')
+    parser.add_argument('--share', action='store_true', help='Show share directory for the package')
 
 
 def main(args: argparse.Namespace) -> None:

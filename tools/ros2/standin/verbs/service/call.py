@@ -13,22 +13,26 @@ from ...interfaces import full_name, interface
 
 EXAMPLE = (
     'ros2 service call /identify calib_interfaces/srv/Identify '
-    "\"{bag: 'bags/demo/identification'}\""
+    '"{bag: \'bags/demo/identification\'}"'
 )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('service_name',
-                        help="Name of the ROS service to call to (e.g. '/identify')")
-    parser.add_argument('service_type',
-                        help="Type of the ROS service (e.g. 'std_srvs/srv/Empty')")
+    parser.add_argument(
+        'service_name', help="Name of the ROS service to call to (e.g. '/identify')"
+    )
+    parser.add_argument('service_type', help="Type of the ROS service (e.g. 'std_srvs/srv/Empty')")
     group = parser.add_mutually_exclusive_group()
-    group.add_argument('values', nargs='?', default='{}',
-                       help="Values to fill the service request with in YAML format "
-                            "(e.g. '{a: 1, b: 2}')")
+    group.add_argument(
+        'values',
+        nargs='?',
+        default='{}',
+        help="Values to fill the service request with in YAML format (e.g. '{a: 1, b: 2}')",
+    )
     group.add_argument('--stdin', action='store_true', help='Read values from standard input')
-    parser.add_argument('-r', '--rate', metavar='N', type=float,
-                        help='Repeat the call at a specific rate in Hz')
+    parser.add_argument(
+        '-r', '--rate', metavar='N', type=float, help='Repeat the call at a specific rate in Hz'
+    )
 
 
 def main(args: argparse.Namespace) -> None:
@@ -41,9 +45,14 @@ def main(args: argparse.Namespace) -> None:
         client = node.create_client(service, args.service_name)
         if not client.service_is_ready():
             print('waiting for service to become available...')
-            wait_for_server(node, client.service_is_ready, args.service_name, 'service',
-                            full_name(args.service_type, 'srv'),
-                            node.get_service_names_and_types)
+            wait_for_server(
+                node,
+                client.service_is_ready,
+                args.service_name,
+                'service',
+                full_name(args.service_type, 'srv'),
+                node.get_service_names_and_types,
+            )
         while True:
             start = time.monotonic()
             call(node, client, request)

@@ -10,12 +10,18 @@ EXAMPLE = 'ros2 service list -t'
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_discovery_arguments(parser)
-    parser.add_argument('-t', '--show-types', action='store_true',
-                        help='Additionally show the service type')
-    parser.add_argument('-c', '--count-services', action='store_true',
-                        help='Only display the number of services discovered')
-    parser.add_argument('--include-hidden-services', action='store_true',
-                        help='Consider hidden services as well')
+    parser.add_argument(
+        '-t', '--show-types', action='store_true', help='Additionally show the service type'
+    )
+    parser.add_argument(
+        '-c',
+        '--count-services',
+        action='store_true',
+        help='Only display the number of services discovered',
+    )
+    parser.add_argument(
+        '--include-hidden-services', action='store_true', help='Consider hidden services as well'
+    )
 
 
 def main(args: argparse.Namespace) -> None:

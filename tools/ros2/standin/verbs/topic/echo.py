@@ -18,21 +18,36 @@ EXAMPLE = 'ros2 topic echo /probe/displacements --once'
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_discovery_arguments(parser)
     parser.add_argument('topic_name', help="Name of the ROS topic to listen to (e.g. '/chatter')")
-    parser.add_argument('message_type', nargs='?',
-                        help="Type of the ROS message (e.g. 'std_msgs/msg/String')")
+    parser.add_argument(
+        'message_type', nargs='?', help="Type of the ROS message (e.g. 'std_msgs/msg/String')"
+    )
     add_qos_arguments(parser)
-    parser.add_argument('--field', help="Echo a selected field of a message; '.' selects "
-                        'sub-fields (e.g. header.stamp)')
-    parser.add_argument('--full-length', '-f', action='store_true',
-                        help='Output all elements of long arrays, bytes and strings')
-    parser.add_argument('--truncate-length', '-l', type=int, default=TRUNCATE_LENGTH,
-                        help='The length to truncate to (default: %(default)d)')
-    parser.add_argument('--flow-style', action='store_true',
-                        help='Print collections in the flow style')
-    parser.add_argument('--once', action='store_true',
-                        help='Print the first message received and then exit.')
-    parser.add_argument('--timeout', metavar='N', type=float,
-                        help='Set a timeout in seconds for waiting')
+    parser.add_argument(
+        '--field',
+        help="Echo a selected field of a message; '.' selects sub-fields (e.g. header.stamp)",
+    )
+    parser.add_argument(
+        '--full-length',
+        '-f',
+        action='store_true',
+        help='Output all elements of long arrays, bytes and strings',
+    )
+    parser.add_argument(
+        '--truncate-length',
+        '-l',
+        type=int,
+        default=TRUNCATE_LENGTH,
+        help='The length to truncate to (default: %(default)d)',
+    )
+    parser.add_argument(
+        '--flow-style', action='store_true', help='Print collections in the flow style'
+    )
+    parser.add_argument(
+        '--once', action='store_true', help='Print the first message received and then exit.'
+    )
+    parser.add_argument(
+        '--timeout', metavar='N', type=float, help='Set a timeout in seconds for waiting'
+    )
 
 
 def main(args: argparse.Namespace) -> None:
@@ -68,8 +83,10 @@ def shown(message: Any, field: str | None, truncate: int | None, flow: bool) -> 
         if not name:
             continue
         if not hasattr(value, name):
-            raise Refusal(f"Invalid field '{field}': '{type(value).__name__}' object has no "
-                          f"attribute '{name}'")
+            raise Refusal(
+                f"Invalid field '{field}': '{type(value).__name__}' object has no "
+                f"attribute '{name}'"
+            )
         value = getattr(value, name)
     if hasattr(value, 'get_fields_and_field_types'):
         return as_yaml(value, truncate, flow)

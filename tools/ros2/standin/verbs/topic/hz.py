@@ -19,8 +19,14 @@ EXAMPLE = 'ros2 topic hz /joint_states'
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_discovery_arguments(parser)
     parser.add_argument('topic_name', help="Name of the ROS topic to listen to (e.g. '/chatter')")
-    parser.add_argument('--window', '-w', type=int, default=10000, metavar='WINDOW',
-                        help='window size, in # of messages (default: %(default)d)')
+    parser.add_argument(
+        '--window',
+        '-w',
+        type=int,
+        default=10000,
+        metavar='WINDOW',
+        help='window size, in # of messages (default: %(default)d)',
+    )
 
 
 def main(args: argparse.Namespace) -> None:
@@ -48,5 +54,7 @@ def summary(arrivals: list[float]) -> str:
     gaps = [later - sooner for sooner, later in zip(arrivals, arrivals[1:], strict=False)]
     mean = statistics.fmean(gaps)
     rate = 1 / mean if mean > 0 else 0.0
-    return (f'average rate: {rate:.3f}\n\tmin: {min(gaps):.3f}s max: {max(gaps):.3f}s '
-            f'std dev: {statistics.pstdev(gaps):.5f}s window: {len(gaps)}')
+    return (
+        f'average rate: {rate:.3f}\n\tmin: {min(gaps):.3f}s max: {max(gaps):.3f}s '
+        f'std dev: {statistics.pstdev(gaps):.5f}s window: {len(gaps)}'
+    )

@@ -10,14 +10,21 @@ EXAMPLE = 'ros2 topic list -t'
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_discovery_arguments(parser)
-    parser.add_argument('-t', '--show-types', action='store_true',
-                        help='Additionally show the topic type')
-    parser.add_argument('-c', '--count-topics', action='store_true',
-                        help='Only display the number of topics discovered')
-    parser.add_argument('--include-hidden-topics', action='store_true',
-                        help='Consider hidden topics as well')
-    parser.add_argument('-v', '--verbose', action='store_true',
-                        help='List full details about each topic')
+    parser.add_argument(
+        '-t', '--show-types', action='store_true', help='Additionally show the topic type'
+    )
+    parser.add_argument(
+        '-c',
+        '--count-topics',
+        action='store_true',
+        help='Only display the number of topics discovered',
+    )
+    parser.add_argument(
+        '--include-hidden-topics', action='store_true', help='Consider hidden topics as well'
+    )
+    parser.add_argument(
+        '-v', '--verbose', action='store_true', help='List full details about each topic'
+    )
 
 
 def main(args: argparse.Namespace) -> None:
@@ -32,8 +39,9 @@ def main(args: argparse.Namespace) -> None:
         print_names(topics, args.show_types, args.count_topics)
 
 
-def details(title: str, noun: str, topics: list[tuple[str, list[str]]],
-            counts: dict[str, int]) -> str:
+def details(
+    title: str, noun: str, topics: list[tuple[str, list[str]]], counts: dict[str, int]
+) -> str:
     lines = [f'{title} topics:']
     for name, types in topics:
         if count := counts[name]:

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The measuring program: which postures, in which order, and what they tell."""
+
+from typing import TYPE_CHECKING
+
+from calib_model.lazy import lazily
+
+if TYPE_CHECKING:
+    from calib_capture.program.candidates import (
+        branch_names as branch_names,
+        joints_of as joints_of,
+    )
+    from calib_capture.program.listing import (
+        program_text as program_text,
+    )
+    from calib_capture.program.markers import (
+        SPHERES as SPHERES,
+        Color as Color,
+        Marker as Marker,
+        gauge_markers as gauge_markers,
+        outcome_markers as outcome_markers,
+        program_markers as program_markers,
+    )
+    from calib_capture.program.planner import (
+        Draft as Draft,
+        Planner as Planner,
+    )
+    from calib_capture.program.pose_selection import (
+        Indices as Indices,
+        Pool as Pool,
+        Telling as Telling,
+        choose as choose,
+        information_of as information_of,
+        log_det as log_det,
+    )
+    from calib_capture.program.program import (
+        PlannedPose as PlannedPose,
+        Program as Program,
+        ProgramError as ProgramError,
+        ProgramSettings as ProgramSettings,
+        SpherePlan as SpherePlan,
+    )
+    from calib_capture.program.taught_spheres import (
+        TaughtBook as TaughtBook,
+        TaughtLocation as TaughtLocation,
+        TaughtSphere as TaughtSphere,
+        TeachError as TeachError,
+        probed_sphere as probed_sphere,
+        taught_location as taught_location,
+    )
+else:
+    __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A measuring run as it happens: poses taken, recorded, resumed."""
+
+from typing import TYPE_CHECKING
+
+from calib_model.lazy import lazily
+
+if TYPE_CHECKING:
+    from calib_capture.recording.hand_guided_record import (
+        CLOCK_NOTE as CLOCK_NOTE,
+        LED_NOTE as LED_NOTE,
+        LedNote as LedNote,
+        clock_line as clock_line,
+    )
+    from calib_capture.recording.hand_guided_run import (
+        LedPose as LedPose,
+        LedRun as LedRun,
+        LedTally as LedTally,
+    )
+    from calib_capture.recording.hand_guided_session import (
+        LedSession as LedSession,
+    )
+    from calib_capture.recording.measuring_run import (
+        MeasuringRun as MeasuringRun,
+        RunError as RunError,
+        RunSettings as RunSettings,
+        SourceError as SourceError,
+        Tally as Tally,
+    )
+    from calib_capture.recording.program_session import (
+        CaptureSession as CaptureSession,
+    )
+    from calib_capture.recording.recorder import (
+        Recorder as Recorder,
+    )
+    from calib_capture.recording.resume import (
+        Begun as Begun,
+        begun as begun,
+        remaining as remaining,
+    )
+    from calib_capture.recording.single_publisher import (
+        CLEAR as CLEAR,
+        Numbered as Numbered,
+        Origin as Origin,
+        Publishers as Publishers,
+        several as several,
+    )
+    from calib_capture.recording.standing_pose import (
+        pose_at_rest as pose_at_rest,
+    )
+else:
+    __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings, MCAP and SQLite: read, written, recovered."""
+
+from typing import TYPE_CHECKING
+
+from calib_model.lazy import lazily
+
+if TYPE_CHECKING:
+    from calib_model.bags.cdr import (
+        decode as decode,
+        stamp_of as stamp_of,
+    )
+    from calib_model.bags.descriptions import (
+        BagDescriptions as BagDescriptions,
+        read_descriptions as read_descriptions,
+    )
+    from calib_model.bags.files import (
+        bag_files as bag_files,
+        listed_topics as listed_topics,
+    )
+    from calib_model.bags.measurement import (
+        read_measurement as read_measurement,
+        write_descriptions as write_descriptions,
+        write_measurement as write_measurement,
+    )
+    from calib_model.bags.metadata import (
+        Definition as Definition,
+        FileAccount as FileAccount,
+        metadata_yaml as metadata_yaml,
+    )
+    from calib_model.bags.reader import (
+        MAGIC as MAGIC,
+        BagMessage as BagMessage,
+        Told as Told,
+        cut_files as cut_files,
+        read_messages as read_messages,
+        read_note as read_note,
+    )
+    from calib_model.bags.recovery import (
+        recover as recover,
+        repair as repair,
+    )
+    from calib_model.bags.writer import (
+        BagWriter as BagWriter,
+    )
+else:
+    __getattr__, __dir__, __all__ = lazily(__name__, __file__)

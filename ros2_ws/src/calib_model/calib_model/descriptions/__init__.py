@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The YAML files of arm, probe, gauge, placements, links and corrections."""
+
+from typing import TYPE_CHECKING
+
+from calib_model.lazy import lazily
+
+if TYPE_CHECKING:
+    from calib_model.descriptions.correction import (
+        correction_yaml as correction_yaml,
+        parse_correction as parse_correction,
+    )
+    from calib_model.descriptions.instruments import (
+        arm_yaml as arm_yaml,
+        gauge_yaml as gauge_yaml,
+        parse_arm as parse_arm,
+        parse_gauge as parse_gauge,
+        parse_probe as parse_probe,
+        probe_yaml as probe_yaml,
+        read_description as read_description,
+        yaml_text as yaml_text,
+    )
+    from calib_model.descriptions.links import (
+        links_of as links_of,
+        links_rows as links_rows,
+        parse_links as parse_links,
+        read_links as read_links,
+    )
+    from calib_model.descriptions.placements import (
+        parse_placements as parse_placements,
+        placements_yaml as placements_yaml,
+    )
+else:
+    __getattr__, __dir__, __all__ = lazily(__name__, __file__)

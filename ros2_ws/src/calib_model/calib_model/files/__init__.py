@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bounded reads, atomic writes, safe YAML, locks, and folders that callers may reach."""
+
+from typing import TYPE_CHECKING
+
+from calib_model.lazy import lazily
+
+if TYPE_CHECKING:
+    from calib_model.files.atomic_write import (
+        TAKEN as TAKEN,
+        refuse_taken as refuse_taken,
+        write_together as write_together,
+        write_whole as write_whole,
+    )
+    from calib_model.files.bounded_read import (
+        file_content as file_content,
+    )
+    from calib_model.files.folder_lock import (
+        FolderLock as FolderLock,
+    )
+    from calib_model.files.open_folders import (
+        Folders as Folders,
+        NotPermittedError as NotPermittedError,
+        usual_reading as usual_reading,
+        usual_writing as usual_writing,
+    )
+    from calib_model.files.safe_yaml import (
+        LARGEST_TEXT as LARGEST_TEXT,
+        load_plain as load_plain,
+    )
+    from calib_model.files.yaml_fields import (
+        Fields as Fields,
+        load_mapping as load_mapping,
+    )
+else:
+    __getattr__, __dir__, __all__ = lazily(__name__, __file__)

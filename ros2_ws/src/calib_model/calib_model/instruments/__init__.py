@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Arm, probe and gauge, and what is plausible of them."""
+
+from typing import TYPE_CHECKING
+
+from calib_model.lazy import lazily
+
+if TYPE_CHECKING:
+    from calib_model.instruments.arm import (
+        JOINT_PARAMETERS as JOINT_PARAMETERS,
+        Arm as Arm,
+        ControllerAxis as ControllerAxis,
+        Joint as Joint,
+        NDArrayBool as NDArrayBool,
+    )
+    from calib_model.instruments.gauge import (
+        Gauge as Gauge,
+    )
+    from calib_model.instruments.plausibility import (
+        refuse_impossible as refuse_impossible,
+    )
+    from calib_model.instruments.probe import (
+        STYLI as STYLI,
+        ActiveProbe as ActiveProbe,
+        PassiveProbe as PassiveProbe,
+        Probe as Probe,
+        Stylus as Stylus,
+        known_centers as known_centers,
+        trihedron as trihedron,
+    )
+else:
+    __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which sphere and gauge location a pose belongs to that nobody labelled."""
+
+from typing import TYPE_CHECKING
+
+from calib_model.lazy import lazily
+
+if TYPE_CHECKING:
+    from calib_model.labelling.sphere_finder import (
+        NOWHERE as NOWHERE,
+        UNTOUCHED as UNTOUCHED,
+        SphereFinder as SphereFinder,
+    )
+    from calib_model.labelling.sphere_numbering import (
+        Numbering as Numbering,
+        renumbered as renumbered,
+    )
+    from calib_model.labelling.unlabelled_bag import (
+        Instruments as Instruments,
+        RawChoice as RawChoice,
+        Sorted as Sorted,
+        numbering_of as numbering_of,
+        sort_bag as sort_bag,
+        with_numbers as with_numbers,
+    )
+else:
+    __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -1,0 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Stamps: whole nanoseconds, as in every message and bag."""
+
+SECOND = 1_000_000_000  # ns

@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From bags to files: what the commands and services run."""
+
+from typing import TYPE_CHECKING
+
+from calib_model.lazy import lazily
+
+if TYPE_CHECKING:
+    from calib_solver.calibration.calibration import (
+        Calibration as Calibration,
+        Effort as Effort,
+        calibrate as calibrate,
+        with_urdf as with_urdf,
+    )
+    from calib_solver.calibration.duplicate_poses import (
+        copied_lines as copied_lines,
+    )
+    from calib_solver.calibration.evaluate import (
+        evaluation_record as evaluation_record,
+    )
+    from calib_solver.calibration.fit_probe import (
+        fit_from as fit_from,
+    )
+    from calib_solver.calibration.raw_options import (
+        add_raw_arguments as add_raw_arguments,
+        raw_choice as raw_choice,
+    )
+    from calib_solver.calibration.sources import (
+        Sources as Sources,
+        bag_list as bag_list,
+        load as load,
+        load_all as load_all,
+    )
+    from calib_solver.calibration.summary import (
+        in_one_line as in_one_line,
+        summary_text as summary_text,
+    )
+else:
+    __getattr__, __dir__, __all__ = lazily(__name__, __file__)

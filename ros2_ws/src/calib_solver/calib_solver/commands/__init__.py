@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What `ros2 run calib_solver` starts without a graph: arguments in, lines out."""

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a calibration means in a KUKA controller's own figures: axis offsets and the tool frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calib_model.arrays import Array
+from calib_model.errors import DataError
+from calib_model.instruments import Arm, ControllerAxis
+from calib_model.transforms import RigidTransform
+from calib_solver.compensation.joint_commands import Calibrated
+
+
+@dataclass(frozen=True)
+class AxisOffset:
+    """By how much (rad, in the axis' own direction) an axis really stands further than it shows;
+    `told` is False where no probing tells it."""
+
+    axis: str
+    offset: float
+    told: bool
+
+
+@dataclass(frozen=True)
+class ControllerFigures:
+    """The axes' offsets, and the tool in the controller's flange frame: `xyz` (3,), m, and `abc`
+    (3,), rad, with R = Rz(A) Ry(B) Rx(C)."""
+
+    axes: tuple[AxisOffset, ...]
+    xyz: Array
+    abc: Array
+
+
+def controller_figures(calibrated: Calibrated) -> ControllerFigures:
+    """The figures of a calibration.
+
+    A joint at q has theta = direction q - theta_0: where theta_0 is smaller than nominal by delta
+    the joint is where the nominal arm has it at q + direction delta.
+
+    Raises:
+        DataError: some joints of the arm say how their controller counts, others do not.
+    """
+    nominal, identified = calibrated.nominal, calibrated.identified
+    zero = identified.geometry[3] - nominal.geometry[3]
+    axes = []
+    for i, axis in enumerate(_axes(identified)):
+        offset = -axis.direction * identified.direction[i] * zero[i]
+        axes.append(AxisOffset(axis.name, float(offset) + 0.0, 0 < i < identified.n - 1))
+    controller = identified.flange_T_controller.matrix()
+    tool = np.linalg.inv(controller) @ calibrated.identified_tool.matrix()
+    return ControllerFigures(tuple(axes), tool[:3, 3].copy(), abc(tool[:3, :3]))
+
+
+def _axes(arm: Arm) -> list[ControllerAxis]:
+    given = [joint.controller for joint in arm.joints]
+    if not any(given):
+        # the controller then shows the joint positions themselves
+        return [ControllerAxis(joint.name) for joint in arm.joints]
+    for axis, joint in zip(given, arm.joints, strict=True):
+        if axis is None:
+            raise DataError(f'{arm.name}: joint {joint.name} lacks the controller that others have')
+    return [axis for axis in given if axis is not None]
+
+
+def shown(arm: Arm, q: Array) -> Array:
+    """What the controller shows at postures q (N, n), rad: axis = direction * (q - zero)."""
+    q = arm.check_joints(q)
+    axes = _axes(arm)
+    directions, zeros = np.array([(axis.direction, axis.zero) for axis in axes]).T
+    values: Array = directions * (q - zeros)
+    return values
+
+
+def counted_as(arm: Arm, described: Arm) -> Arm:
+    """The arm with the controller's axes and flange frame of another description of it.
+
+    Raises:
+        DataError: it is one of another arm.
+    """
+    if described.joint_names != arm.joint_names:
+        raise DataError(f'{described.name}: other joints than those of {arm.name}')
+    joints = tuple(
+        replace(joint, controller=other.controller)
+        for joint, other in zip(arm.joints, described.joints, strict=True)
+    )
+    return replace(arm, joints=joints, flange_T_controller=described.flange_T_controller)
+
+
+def abc(rotation: Array) -> Array:
+    """A, B, C (3,), rad, of a rotation (3, 3) = Rz(A) Ry(B) Rx(C); C = 0 where B is +-90 deg."""
+    cosine = np.hypot(rotation[0, 0], rotation[1, 0])
+    b = np.arctan2(-rotation[2, 0], cosine)
+    if cosine < 1e-9:
+        return np.array([np.arctan2(-rotation[0, 1], rotation[1, 1]), b, 0.0])
+    a = np.arctan2(rotation[1, 0], rotation[0, 0])
+    return np.array([a, b, np.arctan2(rotation[2, 1], rotation[2, 2])])
+
+
+def of_abc(angles: Array) -> Array:
+    """The rotation (3, 3) of A, B, C (3,), rad."""
+    about_z, about_y, about_x = (
+        RigidTransform(rotation_vector=angle * axis).rotation
+        for angle, axis in zip(angles, np.eye(3)[::-1], strict=True)
+    )
+    return about_z @ about_y @ about_x
+
+
+def figures_text(figures: ControllerFigures) -> str:
+    """The figures as lines for people."""
+    lines = ['axis offsets: what the axis really is, less what is shown (deg)']
+    for axis in figures.axes:
+        why = '' if axis.told else '   not told: it moves the base or the tool'
+        lines.append(f'  {axis.axis:12}{np.degrees(axis.offset):+10.4f}{why}')
+    lines.append('tool frame of the probe on the flange (mm, deg)')
+    for names, values in (('XYZ', 1e3 * figures.xyz), ('ABC', np.degrees(figures.abc))):
+        row = (f'{name} {value:+.4f}' for name, value in zip(names, values, strict=True))
+        lines.append('  ' + '  '.join(row))
+    return '\n'.join(lines)

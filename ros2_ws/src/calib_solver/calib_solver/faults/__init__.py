@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is wrong with the data: gross errors, mix-ups, the certificate; in words."""
+
+from typing import TYPE_CHECKING
+
+from calib_model.lazy import lazily
+
+if TYPE_CHECKING:
+    from calib_solver.faults.certificate import (
+        beyond_certificate as beyond_certificate,
+        named_numbers as named_numbers,
+        named_scale as named_scale,
+        named_sphere as named_sphere,
+        refuse_other_units as refuse_other_units,
+    )
+    from calib_solver.faults.gross_errors import (
+        Rejected as Rejected,
+        clean as clean,
+    )
+    from calib_solver.faults.stuck_styli import (
+        set_apart as set_apart,
+        stuck_stretches as stuck_stretches,
+    )
+    from calib_solver.faults.warnings import (
+        doubts_about_parameters as doubts_about_parameters,
+        doubts_about_poses as doubts_about_poses,
+    )
+else:
+    __getattr__, __dir__, __all__ = lazily(__name__, __file__)

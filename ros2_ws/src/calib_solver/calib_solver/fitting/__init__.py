@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Eq. 15, the objectives, Levenberg-Marquardt, prior, observability, uncertainty."""
+
+from typing import TYPE_CHECKING
+
+from calib_model.lazy import lazily
+
+if TYPE_CHECKING:
+    from calib_solver.fitting.cross_validation import (
+        CrossValidation as CrossValidation,
+    )
+    from calib_solver.fitting.levenberg_marquardt import (
+        Fit as Fit,
+        minimise as minimise,
+    )
+    from calib_solver.fitting.objectives import (
+        OBJECTIVES as OBJECTIVES,
+        Objective as Objective,
+        Quadratic as Quadratic,
+        distance_errors as distance_errors,
+        distance_repeatability as distance_repeatability,
+        objective as objective,
+        repeatability as repeatability,
+        repeatability_weights as repeatability_weights,
+    )
+    from calib_solver.fitting.observability import (
+        Observability as Observability,
+        observe as observe,
+    )
+    from calib_solver.fitting.options import (
+        LEADING as LEADING,
+        LOSSES as LOSSES,
+        Options as Options,
+    )
+    from calib_solver.fitting.prior import (
+        CANDIDATES as CANDIDATES,
+        DEFAULT_PRIOR as DEFAULT_PRIOR,
+        NO_PRIOR as NO_PRIOR,
+        Prior as Prior,
+        chosen_prior as chosen_prior,
+        parse_prior as parse_prior,
+    )
+    from calib_solver.fitting.probe_mount import (
+        ProbeFit as ProbeFit,
+        fit_probe as fit_probe,
+    )
+    from calib_solver.fitting.solver import (
+        Accumulate as Accumulate,
+        Solver as Solver,
+        try_probe_fit as try_probe_fit,
+    )
+    from calib_solver.fitting.uncertainty import (
+        Uncertainty as Uncertainty,
+        estimate_uncertainty as estimate_uncertainty,
+    )
+else:
+    __getattr__, __dir__, __all__ = lazily(__name__, __file__)

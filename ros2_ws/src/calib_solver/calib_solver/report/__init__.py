@@ -1,0 +1,19 @@
+# SPDX-License-Identifier: Apache-2.0
+"""report.html and its charts, and the same as PNG files."""
+
+from typing import TYPE_CHECKING
+
+from calib_model.lazy import lazily
+
+if TYPE_CHECKING:
+    from calib_solver.report.instruments import (
+        Inputs as Inputs,
+    )
+    from calib_solver.report.page import (
+        report_html as report_html,
+    )
+    from calib_solver.report.png import (
+        save_figures as save_figures,
+    )
+else:
+    __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""result.json and the files beside it."""
+
+from typing import TYPE_CHECKING
+
+from calib_model.lazy import lazily
+
+if TYPE_CHECKING:
+    from calib_solver.results.files import (
+        probe_fit_record as probe_fit_record,
+        result_record as result_record,
+        transform_record as transform_record,
+        write_results as write_results,
+    )
+    from calib_solver.results.parameter_estimates import (
+        Account as Account,
+        accounts as accounts,
+    )
+    from calib_solver.results.quality import (
+        Record as Record,
+        quality_record as quality_record,
+        sphere_records as sphere_records,
+    )
+    from calib_solver.results.resampling import (
+        resampling_lines as resampling_lines,
+    )
+    from calib_solver.results.workspace import (
+        WorkspaceUncertainty as WorkspaceUncertainty,
+        over_workspace as over_workspace,
+        position_uncertainty as position_uncertainty,
+    )
+else:
+    __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What `ros2 run selfcenter_probe` starts without a graph: arguments in, lines out."""

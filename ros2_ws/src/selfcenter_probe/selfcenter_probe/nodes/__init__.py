@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The probe and the operator of a measuring arm as ROS nodes."""
