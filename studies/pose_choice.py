@@ -14,13 +14,13 @@ from calib_capture.motion import travel_time
 from calib_capture.program import (
     Draft,
     Indices,
+    Information,
     Planner,
     Pool,
     ProgramSettings,
-    Telling,
     branch_names,
     choose,
-    information_of,
+    information_matrix,
     joints_of,
     log_det,
 )
@@ -65,7 +65,7 @@ class Candidates:
     """What there is to choose from: postures, seats and branches go with the rows of `pools`."""
 
     bench: Bench
-    telling: Telling
+    information: Information
     pools: tuple[Pool, ...]
     drafts: tuple[Draft, ...]
 
@@ -79,7 +79,7 @@ def candidates() -> Candidates:
     places = dict(enumerate(bench.placements, start=1))
     drafts = [planner.draft(at, n, s) for n, at in places.items() for s in bench.spheres]
     pools = [planner.pool(places[draft.location], draft) for draft in drafts]
-    return Candidates(bench, planner.telling, tuple(pools), tuple(drafts))
+    return Candidates(bench, planner.information, tuple(pools), tuple(drafts))
 
 
 def all_branches(given: Candidates, poses: int, seed: int) -> list[Indices]:
@@ -146,12 +146,12 @@ class Predicted:
 
 def predicted(given: Candidates, rows: Sequence[Indices]) -> Predicted:
     """What a program promises."""
-    telling = given.telling
-    information = information_of(telling, given.pools, rows)
-    parameters = np.exp(-log_det(information) / (2 * len(information)))
+    information = given.information
+    matrix = information_matrix(information, given.pools, rows)
+    parameters = np.exp(-log_det(matrix) / (2 * len(information)))
     return Predicted(
-        telling.position_uncertainty(information),
-        float(telling.position_uncertainties(information).max()),
+        information.position_uncertainty(matrix),
+        float(information.position_uncertainties(matrix).max()),
         float(parameters),
     )
 
@@ -162,7 +162,7 @@ def random_prediction(given: Candidates, draw: Drawn, poses: int, draws: int) ->
     return Predicted(*np.mean(each, axis=0).tolist())
 
 
-def bound(telling: Telling, pools: Sequence[Pool], poses: int) -> float:
+def bound(information: Information, pools: Sequence[Pool], poses: int) -> float:
     """What the parameters' mean uncertainty cannot fall below, whatever the choice.
 
     log det is concave in the weights of the candidates: from any weights it rises by no more than
@@ -171,10 +171,10 @@ def bound(telling: Telling, pools: Sequence[Pool], poses: int) -> float:
     """
     weights = [np.full(len(pool.rows), poses / len(pool.rows)) for pool in pools]
     for _ in range(BOUND_STEPS):
-        _, told = _slopes(telling, pools, weights)
+        _, told = _slopes(information, pools, weights)
         pairs = zip(weights, told, strict=True)
         weights = [own * slope * poses / (own @ slope) for own, slope in pairs]
-    total, told = _slopes(telling, pools, weights)
+    total, told = _slopes(information, pools, weights)
     promised = sum(
         poses * slope.max() - own @ slope for own, slope in zip(weights, told, strict=True)
     )
@@ -182,24 +182,24 @@ def bound(telling: Telling, pools: Sequence[Pool], poses: int) -> float:
 
 
 def _slopes(
-    telling: Telling, pools: Sequence[Pool], weights: Sequence[Array]
+    information: Information, pools: Sequence[Pool], weights: Sequence[Array]
 ) -> tuple[Array, list[Array]]:
     """The information of weighted candidates, and how log det rises with each weight."""
     scaled = _weighted(pools, weights)
-    total = information_of(telling, scaled, [np.arange(len(pool.rows)) for pool in pools])
+    total = information_matrix(information, scaled, [np.arange(len(pool.rows)) for pool in pools])
     free = len(total)
     told: list[Array] = [np.empty(0)] * len(pools)
     for at in sorted({pool.location for pool in pools}):
         members = [i for i, pool in enumerate(pools) if pool.location == at]
-        own = telling.of_location(
+        own = information.of_location(
             [pools[i].sphere for i in members],
             np.array([pools[i].center for i in members]),
             [scaled[i].rows for i in members],
         )
-        own[:free, :free] += total - telling.about_parameters(own)
+        own[:free, :free] += total - information.about_parameters(own)
         covariance = np.linalg.inv(own)
         for place, i in enumerate(members):
-            part = telling.place_of(place)
+            part = information.place_of(place)
             inner = pools[i].rows @ covariance[np.ix_(part, part)]
             told[i] = np.einsum('nkf,nkf->n', inner, pools[i].rows)
     return total, told
@@ -226,7 +226,7 @@ def predictions(draws: int) -> list[str]:
         programs['all branches'] = reference[n]
         programs['chosen'] = _chosen(given, n)
         if n in (THIRD, FULL):
-            least = bound(given.telling, given.pools, n)
+            least = bound(given.information, given.pools, n)
             programs['bound'] = Predicted(np.nan, np.nan, least)
         for name, one in programs.items():
             every[n, name] = one
@@ -288,7 +288,7 @@ def _conclusions(given: Candidates, every: dict[tuple[int, str], Predicted]) -> 
 @cache
 def _chosen_rows(poses: int) -> tuple[Indices, ...]:
     given = candidates()
-    return choose(given.telling, given.pools, poses).chosen
+    return choose(given.information, given.pools, poses).chosen
 
 
 def _chosen(given: Candidates, poses: int) -> Predicted:

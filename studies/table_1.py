@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib_solver.results import Account, accounts
+from calib_solver.results import ParameterEstimate, estimates_of
 from studies import chapter, faro
 from studies.running import columns, findings, paragraph, study
 
@@ -35,7 +35,7 @@ PROBE = ('', 'X_Probe (mm)', 'Y_Probe (mm)', 'Z_Probe (mm)')
 def table(seed: int) -> list[str]:
     """The lines of the study."""
     done = faro.identified('passive', seed)
-    found = {account.parameter.name: account for account in accounts(done)}
+    found = {estimate.parameter.name: estimate for estimate in estimates_of(done)}
     quality = done.identified
     return [
         *faro.origin(('passive',), seed),
@@ -67,10 +67,10 @@ def _names(joint: int) -> list[str]:
     return [f'{kind}_{joint}' if kind == 'theta_0' else f'{kind}{joint}' for kind in KINDS]
 
 
-def _shown(account: Account) -> str:
-    scale = 1e3 if account.parameter.unit == 'm' else np.degrees(1.0)
-    told = account.parameter.free and account.identifiable
-    return f'{account.identified * scale:.4f}{" " if told else "*"}'
+def _shown(estimate: ParameterEstimate) -> str:
+    scale = 1e3 if estimate.parameter.unit == 'm' else np.degrees(1.0)
+    told = estimate.parameter.free and estimate.identifiable
+    return f'{estimate.identified * scale:.4f}{" " if told else "*"}'
 
 
 def _parameters(joints: Sequence[tuple[str, ...]], probe: tuple[str, ...]) -> list[str]:

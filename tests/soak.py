@@ -44,7 +44,7 @@ def page(seen: dict[str, Any]) -> str:
     ]
     if 'led_seconds' in seen:
         lines.append(
-            f'| an arm led by hand for {seen["led_seconds"] / 60:.0f} min, 500 joint states and '
+            f'| a hand-guided arm for {seen["led_seconds"] / 60:.0f} min, 500 joint states and '
             f'1000 readings in each second | {seen["led_joint_states"]} joint states and '
             f'{seen["led_readings"]} readings recorded, {seen["led_poses"]} poses; '
             f'{seen["led_lost_reported"]} messages lost on the way, reported | '

@@ -39,9 +39,9 @@ from calib_model.descriptions import arm_yaml, gauge_yaml, parse_arm, probe_yaml
 from calib_model.errors import CalibrationError
 from calib_model.measurement import Measurement, ProbingSet
 from calib_model.pairing import (
+    HandGuidedPairing,
+    HandGuidedSettings,
     JointSample,
-    MovingPairing,
-    MovingSettings,
     Pairing,
     Reading,
     SteadyPose,
@@ -393,7 +393,7 @@ def test_streams_of_any_stamps_and_numbers_give_poses_of_numbers_that_were_in_th
     # what reads a stream lets no joint state through that is no number
     messages = [m for m in messages if isinstance(m, Reading) or abs(m.joints[0]) <= 1e6]
     standing = Pairing(SteadySettings(lateness=lateness))
-    moving = MovingPairing(MovingSettings(lateness=lateness, max_gap=0.1))
+    moving = HandGuidedPairing(HandGuidedSettings(lateness=lateness, max_gap=0.1))
     found: list[Any] = []
     for message in messages:
         for pairing in (standing, moving):

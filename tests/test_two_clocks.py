@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib_capture.commands.pair import pair_led
-from calib_capture.recording import LedNote
-from calib_capture.replaying import RepeatedLed, read_raw
+from calib_capture.commands.pair import pair_hand_guided_bag
+from calib_capture.recording import HandGuidedRecord
+from calib_capture.replaying import PairedHandGuided, read_raw
 from calib_model.bags import BagWriter, cdr, write_descriptions
-from calib_model.pairing import ClockEstimate, JointSample, MovingSettings, Reading
+from calib_model.pairing import ClockEstimate, HandGuidedSettings, JointSample, Reading
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
 from calib_solver.identification import identify
 from calib_solver.problem import Problem
@@ -71,9 +71,9 @@ def paired(scene, tmp_path_factory):
     record(scene, OWN, folder / 'own')
     record(scene, HELD_OUT, folder / 'held_out')
 
-    def pair(name: str, how: str, shift: int, correct: bool = False) -> RepeatedLed:
-        note = LedNote(MovingSettings(spacing=0.2), scene.placements, SPHERES, shift)
-        return pair_led(folder / name, folder / f'{name}_{how}', note, correct)
+    def pair(name: str, how: str, shift: int, correct: bool = False) -> PairedHandGuided:
+        note = HandGuidedRecord(HandGuidedSettings(spacing=0.2), scene.placements, SPHERES, shift)
+        return pair_hand_guided_bag(folder / name, folder / f'{name}_{how}', note, correct)
 
     own = pair('own', 'corrected', 0, correct=True)
     sets = {'corrected': (own.measured, pair('held_out', 'corrected', own.shift).measured)}

@@ -88,7 +88,7 @@ class Demo:
         self._env = graph_environment(held_domain())
 
     def capture(self) -> None:
-        """Both bags: through a graph of arm, probe and capture, or from an arm led by hand."""
+        """Both bags: through a graph of arm, probe and capture, or from a hand-guided arm."""
         if self.variant.led:
             self._lead()
             return

@@ -24,11 +24,11 @@ from calib_solver.faults import (
     Rejected,
     beyond_certificate,
     clean,
-    doubts_about_parameters,
-    doubts_about_poses,
     named_numbers,
     named_scale,
     named_sphere,
+    parameter_warnings,
+    pose_warnings,
     refuse_other_units,
     set_apart,
     stuck_stretches,
@@ -180,7 +180,7 @@ def identify(
     initial = assess(problem, measured.arm, measured.probe)
     identified = assess(problem, arm, probe, model)
     sigma = options.prior.sigmas(table)
-    poses_lie_apart = doubts_about_poses(
+    poses_lie_apart = pose_warnings(
         measured, problem, geometry, arm, probe, identified, options, rejected, stuck_throughout
     )
     held = fit.kappa * solver.information
@@ -189,7 +189,7 @@ def identify(
     warnings += named_numbers(problem, initial.spheres.center) or (
         (named_sphere(problem, sums, held, uncertainty.misfit) or other_distances)
         + named_scale(table, full, sigma)
-        + doubts_about_parameters(table, full, sigma, uncertainty.standard)
+        + parameter_warnings(table, full, sigma, uncertainty.standard)
     )
     done = Identification(
         problem,

@@ -10,18 +10,23 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TypeVar
 
-from calib_capture.recording import LED_NOTE, LedNote
-from calib_capture.replaying import Repeated, RepeatedLed, repeat_led, repeat_pairing
+from calib_capture.recording import HAND_GUIDED_NOTE, HandGuidedRecord
+from calib_capture.replaying import (
+    PairedHandGuided,
+    Repeated,
+    pair_recorded_guidance,
+    repeat_pairing,
+)
 from calib_model.bags import read_note, write_measurement
 from calib_model.command_line import CommandParser, UsageError, number_from, run_command
 from calib_model.descriptions import parse_placements, read_description
 from calib_model.errors import BagError
 from calib_model.files import refuse_taken
 from calib_model.measurement import Measurement
-from calib_model.pairing import NOTE, PAIRING, MovingSettings, SteadySettings, settings_of
+from calib_model.pairing import NOTE, PAIRING, HandGuidedSettings, SteadySettings, settings_of
 from calib_model.progress import Progress
 
-Settings = TypeVar('Settings', SteadySettings, MovingSettings)
+Settings = TypeVar('Settings', SteadySettings, HandGuidedSettings)
 
 ABOUT = """\
 Pair probe readings with joints anew from the raw topics of a bag, /joint_states and
@@ -73,7 +78,9 @@ def pair(
     return repeated
 
 
-def pair_led(raw: Path, out: Path, note: LedNote, correct_clock: bool = False) -> RepeatedLed:
+def pair_hand_guided_bag(
+    raw: Path, out: Path, note: HandGuidedRecord, correct_clock: bool = False
+) -> PairedHandGuided:
     """Write the bag `out` of a led arm's poses paired anew from `raw`; whole or not at all.
 
     Raises:
@@ -82,7 +89,7 @@ def pair_led(raw: Path, out: Path, note: LedNote, correct_clock: bool = False) -
         DataError: poses that do not fit the descriptions.
     """
     _refuse_existing(out)
-    repeated = repeat_led(raw, note, correct_clock, Progress(sys.stderr))
+    repeated = pair_recorded_guidance(raw, note, correct_clock, Progress(sys.stderr))
     _write(out, repeated.measured)
     return repeated
 
@@ -127,7 +134,7 @@ def _pair() -> None:
             help=f'{text}; as captured',
         )
     given = parser.parse_args()
-    note = LedNote.read(read_note(given.raw, LED_NOTE), str(given.raw))
+    note = HandGuidedRecord.read(read_note(given.raw, HAND_GUIDED_NOTE), str(given.raw))
     led = given.mode == 'continuous' if given.mode else note is not None
     repeated = _led(given, note) if led else _standing(given)
     if given.correct_clock and repeated.clock is None:
@@ -142,18 +149,18 @@ def _standing(given: Namespace) -> Repeated:
     return pair(given.raw, given.out, settings, given.placements, given.correct_clock)
 
 
-def _led(given: Namespace, note: LedNote | None) -> RepeatedLed:
+def _led(given: Namespace, note: HandGuidedRecord | None) -> PairedHandGuided:
     if given.placements is not None:
         places = read_description(given.placements, parse_placements)
-        settings = MovingSettings() if note is None else note.settings
-        note = LedNote(settings, places, shift=0 if note is None else note.shift)
+        settings = HandGuidedSettings() if note is None else note.settings
+        note = HandGuidedRecord(settings, places, shift=0 if note is None else note.shift)
     if note is None:
         raise UsageError(
             f'{given.raw}: was not captured in mode continuous, '
             'say where the gauge stood (--placements)'
         )
     note = replace(note, settings=_chosen(note.settings, given))
-    return pair_led(given.raw, given.out, note, given.correct_clock)
+    return pair_hand_guided_bag(given.raw, given.out, note, given.correct_clock)
 
 
 def _chosen(settings: Settings, given: Namespace) -> Settings:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
         CollisionCheck as CollisionCheck,
     )
     from calib_capture.motion.free_paths import (
-        Ways as Ways,
+        FreePaths as FreePaths,
     )
     from calib_capture.motion.inverse_kinematics import (
         InverseKinematics as InverseKinematics,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ways between postures on which arm, probe and gauge do not touch.
+"""FreePaths between postures on which arm, probe and gauge do not touch.
 
 A straight way in joint space is halved until the gaps at both ends of each piece are together
 wider than anything moves in between, so that nothing can meet there. How far anything moves is
@@ -12,14 +12,14 @@ import numpy as np
 
 from calib_capture.motion.bodies import Bodies
 from calib_capture.motion.collision import CollisionCheck
-from calib_capture.motion.rrt_connect import detour
+from calib_capture.motion.rrt_connect import rrt_connect
 from calib_model.arrays import Array
 from calib_model.instruments import Arm
 
 FINEST = 1e-3  # m that anything moves in a piece that is not halved, where no clearance is asked
 
 
-class Ways:
+class FreePaths:
     """Free ways of one arm before the gauge of its collision check; None: everything is free.
 
     `limit_margin` (rad) keeps detours off the joint limits.
@@ -74,7 +74,7 @@ class Ways:
         if not (self.clear(start) and self.clear(goal)):
             return None
         generator = np.random.default_rng(0)
-        return detour(
+        return rrt_connect(
             start,
             goal,
             lambda a, b: self.clear(b) and self.free(a, b),

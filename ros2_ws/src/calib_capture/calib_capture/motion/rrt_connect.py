@@ -47,7 +47,7 @@ class _Tree:
         return found
 
 
-def detour(
+def rrt_connect(
     start: Array, goal: Array, free: Free, sample: Callable[[], Array], reach: Array
 ) -> Array | None:
     """Postures (K, n) between two postures (n,) by which the arm gets from one to the other.

@@ -18,11 +18,11 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from calib_capture.nodes.capture_graph import TICK, CaptureNode
-from calib_capture.nodes.capture_run import Capturing, Stopped, Watcher
-from calib_capture.nodes.marker_publisher import Showing
+from calib_capture.nodes.capture_run import CaptureRun, Stopped, Watcher
+from calib_capture.nodes.marker_publisher import MarkerPublisher
 from calib_capture.nodes.parameters import CaptureParameters, ParameterReader
-from calib_capture.nodes.teach_service import Teaching
-from calib_capture.recording import CaptureSession, LedSession
+from calib_capture.nodes.teach_service import TeachService
+from calib_capture.recording import HandGuidedSession, ProgramSession
 from calib_model.errors import CalibrationError
 from calib_model.nodes import Proposal
 
@@ -53,8 +53,8 @@ class CaptureServer:
         self._executor = executor
         self._stopped = stopped
         self._given = node.asked
-        self._showing = Showing(node)
-        self._teaching = Teaching(node, self._showing)
+        self._showing = MarkerPublisher(node)
+        self._teaching = TeachService(node, self._showing)
         self._ready = False
         self._taken = False  # a goal is accepted and not yet answered
         self._next: tuple[ServerGoalHandle, Future] | None = None
@@ -133,7 +133,7 @@ class CaptureServer:
             _Feedback(handle),
             lambda: bool(handle.is_cancel_requested) or self._stopped(),
         )
-        capturing = Capturing(node, self._executor, watcher, self._showing)
+        capturing = CaptureRun(node, self._executor, watcher, self._showing)
         success = False
         try:
             node.asked.writing.permit(bag)
@@ -164,7 +164,7 @@ class _Feedback:
         self._handle = handle
         self._told = 0.0
 
-    def __call__(self, session: CaptureSession | LedSession) -> None:
+    def __call__(self, session: ProgramSession | HandGuidedSession) -> None:
         now, current, tally = time.monotonic(), session.run.current, session.tally
         if current is None or now - self._told < FEEDBACK_PERIOD:
             return

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commanding the arm: one capture at a time."""
+"""ArmCommander the arm: one capture at a time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NAMED_WITHIN = 1.0  # s until all are known
 UNKNOWN = 'NODE_NAME_UNKNOWN'
 
 
-class Commanding:
+class ArmCommander:
     """The commands' publisher, there only while a capture is under way: so others see it."""
 
     def __init__(self, node: Node) -> None:

@@ -17,18 +17,18 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from calib_capture.motion import Trajectory
-from calib_capture.nodes.arm_commander import Commanding, node_names
+from calib_capture.nodes.arm_commander import ArmCommander, node_names
 from calib_capture.nodes.messages import joint_trajectory
 from calib_capture.nodes.parameters import CONTINUOUS, ParameterReader
 from calib_capture.program import Planner, Program
 from calib_capture.recording import (
-    CaptureSession,
-    LedNote,
-    LedRun,
-    LedSession,
+    HandGuidedRecord,
+    HandGuidedRun,
+    HandGuidedSession,
     MeasuringRun,
     Numbered,
     Origin,
+    ProgramSession,
     Publishers,
     Recorder,
     RunError,
@@ -57,7 +57,7 @@ from calib_model.transforms import RigidTransform
 T = TypeVar('T')
 TICK = 0.02  # s
 SILENT = 2.0  # s without a message after which one is waited for
-DEEP = 5000  # messages of a led arm that wait while a disk is slow: it does not stop for us
+DEEP = 5000  # messages of a hand-guided arm that wait while a disk is slow: it does not stop for us
 DESCRIPTIONS = {'arm': ARM_DESCRIPTION, 'probe': PROBE_DESCRIPTION, 'gauge': GAUGE_DESCRIPTION}
 DESCRIBED_BY = {JOINT_STATES: ('arm',), PROBE_DISPLACEMENTS: ('probe', 'gauge')}
 
@@ -78,7 +78,7 @@ class CaptureNode(Node):
         self._heard = dict.fromkeys(self._origins, 0.0)
         self._changed: set[str] = set()  # what is described in another way than before
         self.asked = ParameterReader(self).read()
-        self._session: CaptureSession | LedSession | None = None
+        self._session: ProgramSession | HandGuidedSession | None = None
         self._early: list[tuple[JointSample | Reading, bytes, Origin]] = []
         self._sampled = self._read = False
         self._listening = False
@@ -86,7 +86,7 @@ class CaptureNode(Node):
         self.taught: dict[int, RigidTransform] = {}
         self.watch: Callable[[JointSample | Reading], None] | None = None
         self.failure: RunError | None = None
-        self.commanding = Commanding(self)
+        self.commanding = ArmCommander(self)
         self._poses = self.create_publisher(ProbingPose, CAPTURE_POSES.name, qos_of(CAPTURE_POSES))
         self._listen_for_descriptions()
         # of the wall's time, also where a bag's time rules: it stands still when nothing plays
@@ -210,7 +210,7 @@ class CaptureNode(Node):
             missing.append(PROBE_DISPLACEMENTS.name)
         return ', '.join(missing)
 
-    def begin(self, program: Program, earlier: Sequence[FileAccount] = ()) -> CaptureSession:
+    def begin(self, program: Program, earlier: Sequence[FileAccount] = ()) -> ProgramSession:
         """Open the bag, or go on with the files it has, and start the run."""
         self.failure = None
         self._count_anew()
@@ -225,7 +225,7 @@ class CaptureNode(Node):
             earlier,
         )
         run = MeasuringRun(self.arm, program, self.asked.run, time.monotonic())
-        self._session = CaptureSession(
+        self._session = ProgramSession(
             run,
             Pairing(self.asked.steady),
             recorder,
@@ -237,8 +237,10 @@ class CaptureNode(Node):
         )
         return self._session
 
-    def begin_led(self, earlier: Sequence[FileAccount], noted: LedNote) -> LedSession:
-        """Open the bag, or go on with the files it has, and take in an arm that is led by hand.
+    def begin_hand_guided(
+        self, earlier: Sequence[FileAccount], noted: HandGuidedRecord
+    ) -> HandGuidedSession:
+        """Open the bag, or go on with the files it has, and take in a hand-guided arm.
 
         What has come of its streams until now is the first of it.
         """
@@ -258,8 +260,8 @@ class CaptureNode(Node):
         )
         finder = SphereFinder(self.arm, self.probe, self.gauge, noted.placements, noted.spheres)
         planned = len(finder.labels) * asked.program.poses_per_sphere
-        session = LedSession(
-            LedRun(finder, noted.settings, planned),
+        session = HandGuidedSession(
+            HandGuidedRun(finder, noted.settings, planned),
             ClockEstimate(self.arm, self.probe, self.gauge),
             recorder,
             noted,
@@ -351,7 +353,7 @@ class CaptureNode(Node):
             return
         if origin is not Origin.ONE:
             of_arm = isinstance(message, JointSample)
-            self._session.doubt(JOINT_STATES if of_arm else PROBE_DISPLACEMENTS)
+            self._session.start_over(JOINT_STATES if of_arm else PROBE_DISPLACEMENTS)
         elif isinstance(message, JointSample):
             self._session.take_joints(message, raw)
         else:

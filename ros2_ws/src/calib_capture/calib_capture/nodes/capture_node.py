@@ -18,11 +18,11 @@ from rclpy.parameter import Parameter
 
 from calib_capture.nodes.action_server import CaptureServer
 from calib_capture.nodes.capture_graph import CaptureNode
-from calib_capture.nodes.capture_run import Capturing, Stopped, Watcher
-from calib_capture.nodes.marker_publisher import Showing
+from calib_capture.nodes.capture_run import CaptureRun, Stopped, Watcher
+from calib_capture.nodes.marker_publisher import MarkerPublisher
 from calib_capture.nodes.parameters import ParameterReader
 from calib_capture.program import TaughtBook
-from calib_capture.recording import CaptureSession, LedSession
+from calib_capture.recording import HandGuidedSession, ProgramSession
 from calib_model.command_line import run_command
 from calib_model.errors import ParameterError
 from calib_model.nodes import NodeCommand, init, lean_executor, warn_of_unknown
@@ -60,11 +60,11 @@ def _too_late(_: Sequence[Parameter]) -> SetParametersResult:
 
 def _run_once(node: CaptureNode, executor: Executor, stop: _Stop) -> int:
     """One run of the command, with a progress bar."""
-    progress, showing = Progress(), Showing(node)
+    progress, showing = Progress(), MarkerPublisher(node)
     node.add_on_set_parameters_callback(_too_late)
     node.taught.update(TaughtBook(node.asked.taught).read())
 
-    def show(session: CaptureSession | LedSession) -> None:
+    def show(session: ProgramSession | HandGuidedSession) -> None:
         tally, current, now = session.tally, session.run.current, time.monotonic()
         if current is not None:
             where = f'location {current.location}, sphere {current.sphere}'
@@ -72,7 +72,7 @@ def _run_once(node: CaptureNode, executor: Executor, stop: _Stop) -> int:
             progress.show(tally.done, tally.planned, left, where, now)
 
     try:
-        progress.say(Capturing(node, executor, Watcher(progress.say, show, stop.asked), showing)())
+        progress.say(CaptureRun(node, executor, Watcher(progress.say, show, stop.asked), showing)())
     except Stopped as stopped:
         progress.say(f'stopped: {stopped}')
         return INTERRUPTED + stop.signal

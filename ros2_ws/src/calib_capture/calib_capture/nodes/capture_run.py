@@ -12,16 +12,16 @@ from threading import Thread
 from rclpy.executors import Executor
 
 from calib_capture.nodes.capture_graph import TICK, CaptureNode
-from calib_capture.nodes.marker_publisher import Showing
+from calib_capture.nodes.marker_publisher import MarkerPublisher
 from calib_capture.nodes.parameters import CONTINUOUS
 from calib_capture.program import Program
 from calib_capture.recording import (
-    LED_NOTE,
+    HAND_GUIDED_NOTE,
     Begun,
-    CaptureSession,
-    LedNote,
-    LedSession,
-    LedTally,
+    HandGuidedRecord,
+    HandGuidedSession,
+    HandGuidedTally,
+    ProgramSession,
     RunError,
     SourceError,
     Tally,
@@ -39,7 +39,7 @@ class Watcher:
     """Who asked for the capture: hears lines and progress, and may want it to stop."""
 
     say: Callable[[str], None]
-    show: Callable[[CaptureSession | LedSession], None]
+    show: Callable[[ProgramSession | HandGuidedSession], None]
     stopped: Callable[[], bool]
 
 
@@ -47,17 +47,17 @@ class Stopped(Exception):  # not an error: what was wished for
     """The capture was stopped; its argument is the summary."""
 
 
-class Capturing:
+class CaptureRun:
     """Waits for arm and probe, plans, measures; `tally` says how it went, also after an error."""
 
     def __init__(
-        self, node: CaptureNode, executor: Executor, watcher: Watcher, showing: Showing
+        self, node: CaptureNode, executor: Executor, watcher: Watcher, showing: MarkerPublisher
     ) -> None:
         self._node = node
         self._executor = executor
         self._watcher = watcher
         self._showing = showing
-        self.tally: Tally | LedTally = Tally(0)
+        self.tally: Tally | HandGuidedTally = Tally(0)
         self._told = 0.0
 
     def __call__(self) -> str:
@@ -160,7 +160,7 @@ class Capturing:
         return self._summary(there, stopped, time.monotonic() - begin, session.remarks())
 
     def _led(self) -> str:
-        """Take in an arm that is led by hand; being stopped is the usual end of it."""
+        """Take in a hand-guided arm; being stopped is the usual end of it."""
         node, begin = self._node, time.monotonic()
         node.describe()
         self._showing.places()
@@ -169,7 +169,7 @@ class Capturing:
             self._watcher.say(f'{node.asked.output}: {there.taken} poses are there already')
         node.listen()
         self._wait_for(node.missing_streams)
-        session = node.begin_led(there.files, noted)
+        session = node.begin_hand_guided(there.files, noted)
         self.tally = session.tally
         try:
             with session.recorder:
@@ -182,11 +182,11 @@ class Capturing:
             node.end()
         return self._summary(there, False, time.monotonic() - begin, session.remarks())
 
-    def _noted(self) -> LedNote:
-        """What a led capture is asked for, or what its bag was begun with."""
+    def _noted(self) -> HandGuidedRecord:
+        """What a hand-guided capture is asked for, or what its bag was begun with."""
         asked, output = self._node.asked, self._node.asked.output
         if Path(output).exists():
-            earlier = LedNote.read(read_note(output, LED_NOTE), output)
+            earlier = HandGuidedRecord.read(read_note(output, HAND_GUIDED_NOTE), output)
             if earlier is not None:
                 return earlier
         placements = self._node.placements
@@ -195,7 +195,7 @@ class Capturing:
                 known = ', '.join(map(str, sorted(placements)))
                 raise RunError(f'location {number} has no place (known: {known})')
         chosen = {number: placements[number] for number in asked.locations or sorted(placements)}
-        return LedNote(asked.moving, chosen, asked.program.spheres)
+        return HandGuidedRecord(asked.moving, chosen, asked.program.spheres)
 
     def _summary(self, there: Begun, stopped: bool, seconds: float, remarks: str) -> str:
         output, failure = self._node.asked.output, self._node.failure

@@ -11,7 +11,7 @@ from visualization_msgs.msg import MarkerArray
 from calib_capture.nodes.capture_graph import CaptureNode
 from calib_capture.nodes.messages import marker_array
 from calib_capture.program import Marker, Program, gauge_markers, outcome_markers, program_markers
-from calib_capture.recording import CaptureSession
+from calib_capture.recording import ProgramSession
 from calib_model.nodes import qos_of
 from calib_model.topics import CAPTURE_MARKERS
 
@@ -19,7 +19,7 @@ PERIOD = 1.0  # s between two pictures of a run
 SHARE = 0.02  # of the time may go into pictures
 
 
-class Showing:
+class MarkerPublisher:
     """Publishes whole pictures, latched: who comes late sees the last one."""
 
     def __init__(self, node: CaptureNode) -> None:
@@ -42,7 +42,7 @@ class Showing:
         self._planned = program_markers(program, node.arm, node.probe, node.gauge, node.placements)
         self._publish(self._planned)
 
-    def progress(self, session: CaptureSession, last: bool = False) -> None:
+    def progress(self, session: ProgramSession, last: bool = False) -> None:
         """What has come of it so far; now and then while somebody looks, and at the `last`."""
         begin = time.monotonic()
         if self._program is None or (begin < self._due and not last):

@@ -16,7 +16,7 @@ from calib_model.descriptions import parse_placements, read_description
 from calib_model.errors import ParameterError
 from calib_model.files import Folders, usual_writing
 from calib_model.nodes import Parameters
-from calib_model.pairing import MovingSettings, SteadySettings
+from calib_model.pairing import HandGuidedSettings, SteadySettings
 from calib_model.transforms import RigidTransform
 
 _APPROACH = "m along the probe's axis that must be free before every pose"
@@ -53,7 +53,7 @@ class CaptureParameters:
     resume: bool = False
     serve: bool = False
     mode: str = PROGRAM
-    moving: MovingSettings = MovingSettings()
+    moving: HandGuidedSettings = HandGuidedSettings()
     correct_clock: bool = False
     silence: float = 3.0
     taught: str = ''
@@ -116,15 +116,15 @@ class ParameterReader:
             )
         return mode
 
-    def _moving(self, lateness: float) -> MovingSettings:
-        default = MovingSettings()
+    def _moving(self, lateness: float) -> HandGuidedSettings:
+        default = HandGuidedSettings()
         text = 'rad that the joints of a led arm go, all together, from pose to pose'
         spacing = self._number('spacing', default.spacing, text, 0.0, 100.0)
         text = 's at both ends of a contact in which a led arm gives no pose'
         seated = self._number('seated', default.seated, text, 0.0, 60.0)
         text = 's between joint states of a led arm that are interpolated across'
         max_gap = self._number('max_gap', default.max_gap, text, 1e-4, 10.0)
-        return MovingSettings(spacing, seated, max_gap, lateness)
+        return HandGuidedSettings(spacing, seated, max_gap, lateness)
 
     def _program(self) -> ProgramSettings:
         default = ProgramSettings()

@@ -10,7 +10,7 @@ from collections import deque
 from calib_interfaces.srv import Teach
 
 from calib_capture.nodes.capture_graph import CaptureNode
-from calib_capture.nodes.marker_publisher import Showing
+from calib_capture.nodes.marker_publisher import MarkerPublisher
 from calib_capture.program import (
     TaughtBook,
     TaughtSphere,
@@ -27,14 +27,14 @@ SILENT = 1.0  # s without a joint state after which the arm counts as gone
 KEPT = 2000  # messages of each stream
 
 
-class Teaching:
+class TeachService:
     """Keeps the last moments of both streams and the spheres taught so far, by location.
 
     Raises:
         DescriptionError: the file of what was taught before is there and cannot be read.
     """
 
-    def __init__(self, node: CaptureNode, showing: Showing) -> None:
+    def __init__(self, node: CaptureNode, showing: MarkerPublisher) -> None:
         self._node = node
         self._showing = showing
         self._book = TaughtBook(node.asked.taught)

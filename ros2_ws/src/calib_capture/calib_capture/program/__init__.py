@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     )
     from calib_capture.program.pose_selection import (
         Indices as Indices,
+        Information as Information,
         Pool as Pool,
-        Telling as Telling,
         choose as choose,
-        information_of as information_of,
+        information_matrix as information_matrix,
         log_det as log_det,
     )
     from calib_capture.program.program import (

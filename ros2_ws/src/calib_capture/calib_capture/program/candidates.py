@@ -12,9 +12,9 @@ import numpy as np
 from calib_capture.motion import (
     BodySettings,
     CollisionCheck,
+    FreePaths,
     InverseKinematics,
     PinocchioArm,
-    Ways,
     bodies_of,
     retreat,
     singular_margin,
@@ -112,7 +112,7 @@ class Finder:
         if reach.bodies is not None:
             bodies = bodies_of(arm, probe, gauge, reach.bodies)
             self._collision = CollisionCheck(arm, bodies)
-        self.ways = Ways(arm, self._collision, bodies, reach.limit_margin)
+        self.ways = FreePaths(arm, self._collision, bodies, reach.limit_margin)
 
     def put_gauge(self, T_base_gauge: RigidTransform, sphere: int = -1) -> None:
         """Where the gauge stands from now on and which of its spheres is probed, if any."""

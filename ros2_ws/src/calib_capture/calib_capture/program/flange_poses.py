@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hands around a sphere: from where, turned how and with which offset in the probe."""
+"""Flange poses around a sphere: from where, turned how and with which offset in the probe."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ TRIES_PER_POSE = 40
 BLOCK = 4096  # hands that are drawn together
 
 
-class Hands:
+class FlangePoses:
     """Even over the cap around each sphere, its offsets within the probe's range.
 
     `redundant` is the range (rad) of the joint that is swept where the arm has one to spare.
@@ -69,7 +69,7 @@ class Hands:
         key: tuple[int, ...],
         offset_share: float = 1.0,
     ) -> Iterator[Hand]:
-        """Hands around a sphere of the gauge where it stands; another `key`, other ones.
+        """Flange poses around a sphere of the gauge where it stands; another `key`, other ones.
 
         Raises:
             DataError: the gauge has no such sphere.

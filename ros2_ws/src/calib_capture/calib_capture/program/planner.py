@@ -19,8 +19,14 @@ from calib_capture.program.candidates import (
     branch_names,
     joints_of,
 )
-from calib_capture.program.flange_poses import Hands
-from calib_capture.program.pose_selection import Indices, Pool, Telling, choose, information_of
+from calib_capture.program.flange_poses import FlangePoses
+from calib_capture.program.pose_selection import (
+    Indices,
+    Information,
+    Pool,
+    choose,
+    information_matrix,
+)
 from calib_capture.program.program import (
     Contacts,
     Expected,
@@ -31,7 +37,7 @@ from calib_capture.program.program import (
     Router,
     SpherePlan,
 )
-from calib_capture.program.visiting_order import Visit, Visiting
+from calib_capture.program.visiting_order import Visit, VisitingOrder
 from calib_model.arrays import Array, frozen
 from calib_model.instruments import Arm, Gauge, Probe
 from calib_model.progress import Pace, Progress, paced
@@ -68,8 +74,8 @@ class Planner:
             settings.limit_margin, settings.singular_margin, settings.approach, settings.bodies
         )
         self._finder = Finder(arm, probe, gauge, reach)
-        self._hands = Hands(probe, gauge, settings, self._finder.inverse.redundant_range())
-        self.telling = Telling(arm, probe, gauge, settings.choice)
+        self._hands = FlangePoses(probe, gauge, settings, self._finder.inverse.redundant_range())
+        self.information = Information(arm, probe, gauge, settings.choice)
 
     def program(
         self,
@@ -103,7 +109,7 @@ class Planner:
             drafts += found
         pace.end()
         pools = [self.pool(places[draft.location], draft) for draft in drafts]
-        chosen = choose(self.telling, pools, self.settings.poses_per_sphere).chosen
+        chosen = choose(self.information, pools, self.settings.poses_per_sphere).chosen
         picked = [
             [draft.candidates.found[i] for i in rows]
             for draft, rows in zip(drafts, chosen, strict=True)
@@ -133,13 +139,13 @@ class Planner:
         center = T_base_gauge.apply(self.gauge.center(draft.sphere))
         joints = joints_of(found, self.arm.n)
         seats = np.array([each.p_probe_sphere for each in found]).reshape(-1, 3)
-        return Pool(draft.location, draft.sphere, center, self.telling.rows(joints, seats))
+        return Pool(draft.location, draft.sphere, center, self.information.rows(joints, seats))
 
     def _expected(self, pools: Sequence[Pool], chosen: Sequence[Indices]) -> Expected:
-        telling = self.telling
+        information = self.information
         return Expected(
-            telling.position_uncertainty(telling.known),
-            telling.position_uncertainty(information_of(telling, pools, chosen)),
+            information.position_uncertainty(information.known),
+            information.position_uncertainty(information_matrix(information, pools, chosen)),
         )
 
     def _plans(
@@ -153,7 +159,7 @@ class Planner:
         clear of the gauge at all of them. And which of the picked are visited."""
         driven = self.settings.by_approach
         rest = self._rest(places) if driven else self._home()
-        visiting = Visiting(self.arm.velocity, self._finder.ways if driven else None, rest)
+        visiting = VisitingOrder(self.arm.velocity, self._finder.ways if driven else None, rest)
         plans: list[SpherePlan] = []
         visited: list[Indices] = []
         at = drafts[0].location if drafts else 0
@@ -240,7 +246,7 @@ class Planner:
         )
 
     def _router(self, places: Mapping[int, RigidTransform]) -> Router | None:
-        """Ways to a pose from where the program did not foresee the arm to be."""
+        """FreePaths to a pose from where the program did not foresee the arm to be."""
         if not self.settings.by_approach:
             return None
 

@@ -28,7 +28,7 @@ POSTURES = 500
 
 
 @dataclass(frozen=True)
-class ChoiceSettings:
+class SelectionSettings:
     """`noise`: standard deviation (m) of a pose per coordinate, arm and probe together. `sigma`:
     what is known of the parameters beforehand, by kind. Exchanges go on until a round over all
     spheres gains less than `plateau` in log det, at most `rounds` times."""
@@ -49,7 +49,7 @@ class Choice:
     rounds: int
 
 
-class Telling:
+class Information:
     """What poses of one arm with one probe before one gauge tell of its parameters.
 
     Parameters are counted in standard deviations of what is known beforehand, so the information
@@ -61,7 +61,7 @@ class Telling:
         arm: Arm,
         probe: Probe,
         gauge: Gauge,
-        settings: ChoiceSettings = ChoiceSettings(),
+        settings: SelectionSettings = SelectionSettings(),
     ) -> None:
         self._arm = arm
         self._probe = probe
@@ -142,11 +142,13 @@ class Pool:
     rows: Array
 
 
-def information_of(telling: Telling, pools: Sequence[Pool], chosen: Sequence[Indices]) -> Array:
+def information_matrix(
+    information: Information, pools: Sequence[Pool], chosen: Sequence[Indices]
+) -> Array:
     """The information (F, F) about the parameters of the chosen poses, what was known included."""
-    total = telling.known
+    total = information.known
     for members in _by_location(pools):
-        total = total + telling.about_parameters(_location(telling, pools, chosen, members))
+        total = total + information.about_parameters(_location(information, pools, chosen, members))
     return total
 
 
@@ -155,21 +157,21 @@ def log_det(information: Array) -> float:
     return float(np.linalg.slogdet(information)[1])
 
 
-def choose(telling: Telling, pools: Sequence[Pool], wanted: int) -> Choice:
+def choose(information: Information, pools: Sequence[Pool], wanted: int) -> Choice:
     """`wanted` poses of every sphere, all where it has no more.
 
     Starts with the first ones of every pool; never ends with less log det than these have.
     """
     chosen: list[Indices] = [np.arange(min(wanted, len(pool.rows))) for pool in pools]
     groups = _by_location(pools)
-    before = log_det(information_of(telling, pools, chosen))
+    before = log_det(information_matrix(information, pools, chosen))
     reached, rounds = before, 0
-    while rounds < telling.settings.rounds:
+    while rounds < information.settings.rounds:
         rounds += 1
         for members in groups:
-            _improve(telling, pools, chosen, members)
-        last, reached = reached, log_det(information_of(telling, pools, chosen))
-        if reached - last < telling.settings.plateau:
+            _improve(information, pools, chosen, members)
+        last, reached = reached, log_det(information_matrix(information, pools, chosen))
+        if reached - last < information.settings.plateau:
             break
     return Choice(tuple(chosen), before, reached, rounds)
 
@@ -180,9 +182,12 @@ def _by_location(pools: Sequence[Pool]) -> list[list[int]]:
 
 
 def _location(
-    telling: Telling, pools: Sequence[Pool], chosen: Sequence[Indices], members: Sequence[int]
+    information: Information,
+    pools: Sequence[Pool],
+    chosen: Sequence[Indices],
+    members: Sequence[int],
 ) -> Array:
-    return telling.of_location(
+    return information.of_location(
         [pools[i].sphere for i in members],
         np.array([pools[i].center for i in members]),
         [pools[i].rows[chosen[i]] for i in members],
@@ -190,19 +195,21 @@ def _location(
 
 
 def _improve(
-    telling: Telling, pools: Sequence[Pool], chosen: list[Indices], members: Sequence[int]
+    information: Information, pools: Sequence[Pool], chosen: list[Indices], members: Sequence[int]
 ) -> None:
     """Exchange poses of one location's spheres, the other locations as they are."""
     others = [i for i in range(len(pools)) if i not in members]
     members = [i for i in members if len(chosen[i])]  # of others nothing tells where they are
-    outside = information_of(telling, [pools[i] for i in others], [chosen[i] for i in others])
+    outside = information_matrix(
+        information, [pools[i] for i in others], [chosen[i] for i in others]
+    )
     free = len(outside)
     for place, member in enumerate(members):
         if len(pools[member].rows) <= len(chosen[member]):
             continue
-        whole = _location(telling, pools, chosen, members)
+        whole = _location(information, pools, chosen, members)
         whole[:free, :free] += outside
-        at = telling.place_of(place)
+        at = information.place_of(place)
         covariance = np.asarray(np.linalg.inv(whole)[np.ix_(at, at)], dtype=np.float64)
         chosen[member] = exchanged(covariance, pools[member].rows, chosen[member])
 

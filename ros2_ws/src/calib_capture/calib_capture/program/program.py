@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calib_capture.motion import BodySettings
-from calib_capture.program.pose_selection import ChoiceSettings
+from calib_capture.program.pose_selection import SelectionSettings
 from calib_model.arrays import Array, frozen
 from calib_model.errors import CalibrationError
 
@@ -47,7 +47,7 @@ class ProgramSettings:
     drive_approach: bool = True
     bodies: BodySettings | None = BodySettings()
     pool: int = 3
-    choice: ChoiceSettings = ChoiceSettings()
+    choice: SelectionSettings = SelectionSettings()
     seed: int = 1
 
     @property

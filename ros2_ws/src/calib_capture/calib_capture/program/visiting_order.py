@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_capture.motion import Ways, travel_time
+from calib_capture.motion import FreePaths, travel_time
 from calib_capture.program.candidates import Candidate
 from calib_model.arrays import Array
 
@@ -26,14 +26,14 @@ class Visit:
     way: Array
 
 
-class Visiting:
+class VisitingOrder:
     """Takes an arm from posture to posture, always to the nearest one left that has a free way.
 
-    Ways lead from where one approach begins to where the next begins. Without `ways` the arm goes
+    Paths lead from where one approach begins to where the next begins. Without `ways` the arm goes
     straight from pose to pose, whatever is between.
     """
 
-    def __init__(self, velocity: Array, ways: Ways | None, start: Array) -> None:
+    def __init__(self, velocity: Array, ways: FreePaths | None, start: Array) -> None:
         self._velocity = velocity
         self._ways = ways
         self.here = start

@@ -8,17 +8,17 @@ from calib_model.lazy import lazily
 if TYPE_CHECKING:
     from calib_capture.recording.hand_guided_record import (
         CLOCK_NOTE as CLOCK_NOTE,
-        LED_NOTE as LED_NOTE,
-        LedNote as LedNote,
+        HAND_GUIDED_NOTE as HAND_GUIDED_NOTE,
+        HandGuidedRecord as HandGuidedRecord,
         clock_line as clock_line,
     )
     from calib_capture.recording.hand_guided_run import (
-        LedPose as LedPose,
-        LedRun as LedRun,
-        LedTally as LedTally,
+        HandGuidedPose as HandGuidedPose,
+        HandGuidedRun as HandGuidedRun,
+        HandGuidedTally as HandGuidedTally,
     )
     from calib_capture.recording.hand_guided_session import (
-        LedSession as LedSession,
+        HandGuidedSession as HandGuidedSession,
     )
     from calib_capture.recording.measuring_run import (
         MeasuringRun as MeasuringRun,
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
         Tally as Tally,
     )
     from calib_capture.recording.program_session import (
-        CaptureSession as CaptureSession,
+        ProgramSession as ProgramSession,
     )
     from calib_capture.recording.recorder import (
         Recorder as Recorder,

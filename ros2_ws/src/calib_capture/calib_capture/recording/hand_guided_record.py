@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a capture of a led arm was paired with, as its bag keeps it, and what its clocks told."""
+"""What a hand-guided capture was paired with, as its bag keeps it, and what its clocks told."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from dataclasses import asdict, dataclass, fields
 
 from calib_model.descriptions import parse_placements, placements_yaml
 from calib_model.errors import BagError
-from calib_model.pairing import ClockOffset, MovingSettings, noted_number
+from calib_model.pairing import ClockOffset, HandGuidedSettings, noted_number
 from calib_model.stamps import SECOND
 from calib_model.transforms import RigidTransform
 
-LED_NOTE = 'calib_capture led'
+HAND_GUIDED_NOTE = 'calib_capture led'
 CLOCK_NOTE = 'calib_capture clock'
 MOST_SHIFT = 3600 * SECOND  # ns
 APART = SECOND  # ns between the newest stamps of both streams that are worth a word
 
 
 @dataclass(frozen=True)
-class LedNote:
+class HandGuidedRecord:
     """Settings, `T_base_gauge` by location, sphere numbers (empty: all), and the shift in ns."""
 
-    settings: MovingSettings
+    settings: HandGuidedSettings
     placements: dict[int, RigidTransform]
     spheres: tuple[int, ...] = ()
     shift: int = 0
@@ -38,7 +38,7 @@ class LedNote:
         }
 
     @staticmethod
-    def read(note: Mapping[str, str], source: str) -> LedNote | None:
+    def read(note: Mapping[str, str], source: str) -> HandGuidedRecord | None:
         """What a bag's note says; None when there is none.
 
         Raises:
@@ -49,16 +49,18 @@ class LedNote:
             return None
         try:
             given = {
-                each.name: noted_number(note, each.name, f'{source}: {LED_NOTE}')
-                for each in fields(MovingSettings)
+                each.name: noted_number(note, each.name, f'{source}: {HAND_GUIDED_NOTE}')
+                for each in fields(HandGuidedSettings)
             }
             spheres = tuple(int(number) for number in note['spheres'].split())
             shift, places = int(note['shift']), note['placements']
         except (KeyError, ValueError) as error:
-            raise BagError(f'{source}: {LED_NOTE}: {error}') from error
+            raise BagError(f'{source}: {HAND_GUIDED_NOTE}: {error}') from error
         if not abs(shift) <= MOST_SHIFT:
-            raise BagError(f'{source}: {LED_NOTE}: a shift of {shift} ns')
-        return LedNote(MovingSettings(**given), parse_placements(places, source), spheres, shift)
+            raise BagError(f'{source}: {HAND_GUIDED_NOTE}: a shift of {shift} ns')
+        return HandGuidedRecord(
+            HandGuidedSettings(**given), parse_placements(places, source), spheres, shift
+        )
 
 
 def clock_content(found: ClockOffset | None, shift: int) -> dict[str, str]:

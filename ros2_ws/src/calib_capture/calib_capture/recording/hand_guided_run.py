@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What becomes of an arm that is led around spheres: poses, spaced along its way. No graph."""
+"""What becomes of a hand-guided arm: poses, spaced along its way. No graph."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ import numpy as np
 
 from calib_model.arrays import Array
 from calib_model.labelling import NOWHERE, SphereFinder
-from calib_model.pairing import NO_SPHERE, NO_TOUCH, MovingSettings, PairedReading, travel
+from calib_model.pairing import NO_SPHERE, NO_TOUCH, HandGuidedSettings, PairedReading, travel
 from calib_model.stamps import SECOND
 
 APART = SECOND // 10  # ns between readings that belong to one contact
 
 
-class LedPose(NamedTuple):
+class HandGuidedPose(NamedTuple):
     """A pose on the move: `joints` (n,) in rad and `displacement` (3,) in m at `stamp` (ns)."""
 
     stamp: int
@@ -37,7 +37,7 @@ class Held(NamedTuple):
 
 
 @dataclass
-class LedTally:
+class HandGuidedTally:
     """How it is going: every reading that came is `paired` or `refused`, or still to be settled."""
 
     planned: int = 0
@@ -70,27 +70,29 @@ class LedTally:
         )
 
 
-class LedRun:
+class HandGuidedRun:
     """Takes paired readings in time order and tells which of them are poses.
 
     `current` is the sphere in the probe, None in the air.
     """
 
-    def __init__(self, finder: SphereFinder, settings: MovingSettings, planned: int = 0) -> None:
-        self.tally = LedTally(planned)
+    def __init__(
+        self, finder: SphereFinder, settings: HandGuidedSettings, planned: int = 0
+    ) -> None:
+        self.tally = HandGuidedTally(planned)
         self.current: Held | None = None
         self._finder = finder
         self._settings = settings
         self._seated = round(settings.seated * SECOND)
         self._begin = self._last = -APART
         self._posture: Array | None = None  # of the last pose of this contact
-        self._unsure: deque[LedPose] = deque()  # the contact may end too soon after these
+        self._unsure: deque[HandGuidedPose] = deque()  # the contact may end too soon after these
 
-    def take(self, readings: Sequence[PairedReading]) -> list[LedPose]:
+    def take(self, readings: Sequence[PairedReading]) -> list[HandGuidedPose]:
         """The poses that are certain now."""
         good = [reading for reading in readings if not reading.reason]
         rows = iter(self._rows(good))
-        poses: list[LedPose] = []
+        poses: list[HandGuidedPose] = []
         for reading in readings:
             if reading.reason:
                 self.tally.refused[reading.reason] += 1
@@ -105,7 +107,7 @@ class LedRun:
             self.tally.spheres[Held(pose.location, pose.sphere)] += 1
         return poses
 
-    def doubt(self) -> None:
+    def start_over(self) -> None:
         """Take back what is not certain yet."""
         self.current, self._posture = None, None
         self._unsure.clear()
@@ -122,7 +124,7 @@ class LedRun:
         rows: list[int] = self._finder.rows(joints, displacement).tolist()
         return rows
 
-    def _at(self, held: Held, reading: PairedReading) -> list[LedPose]:
+    def _at(self, held: Held, reading: PairedReading) -> list[HandGuidedPose]:
         """A reading on a sphere: the poses that it makes certain."""
         since = reading.stamp - self._last
         if held != self.current or not 0 < since <= APART:
@@ -135,7 +137,9 @@ class LedRun:
         if reading.stamp - self._begin >= self._seated and self._far_enough(reading):
             assert reading.joints is not None
             self._posture = reading.joints
-            self._unsure.append(LedPose(reading.stamp, *held, reading.joints, reading.displacement))
+            self._unsure.append(
+                HandGuidedPose(reading.stamp, *held, reading.joints, reading.displacement)
+            )
         return sure
 
     def _far_enough(self, reading: PairedReading) -> bool:

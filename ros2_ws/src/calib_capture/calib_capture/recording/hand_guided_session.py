@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One capture of an arm that is led by hand, from streams to bag. Commands nothing."""
+"""One capture of a hand-guided arm, from streams to bag. Commands nothing."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Callable
 
 from calib_capture.recording.hand_guided_record import (
     CLOCK_NOTE,
-    LED_NOTE,
-    LedNote,
+    HAND_GUIDED_NOTE,
+    HandGuidedRecord,
     apart,
     clock_content,
     clock_line,
 )
-from calib_capture.recording.hand_guided_run import LedRun, LedTally
+from calib_capture.recording.hand_guided_run import HandGuidedRun, HandGuidedTally
 from calib_capture.recording.program_session import BACK
 from calib_capture.recording.recorder import Recorder
 from calib_model.bags import cdr
@@ -21,8 +21,8 @@ from calib_model.pairing import (
     BRIDGED,
     UNSURE,
     ClockEstimate,
+    HandGuidedPairing,
     JointSample,
-    MovingPairing,
     PairedReading,
     Reading,
 )
@@ -35,7 +35,7 @@ WELL_KNOWN = 1e-4  # s: then readings are corrected
 LOOK = 1.0  # s between two looks at the offset while it is waited for
 
 
-class LedSession:
+class HandGuidedSession:
     """Feeds both streams to the pairing, the clock's estimate and the bag.
 
     With `correct` all pairing waits until the offset between the clocks is known; the raw streams
@@ -45,10 +45,10 @@ class LedSession:
 
     def __init__(
         self,
-        run: LedRun,
+        run: HandGuidedRun,
         estimate: ClockEstimate,
         recorder: Recorder,
-        note: LedNote,
+        note: HandGuidedRecord,
         frame: str,
         clock: Callable[[], float],
         wall: Callable[[], int],
@@ -61,7 +61,7 @@ class LedSession:
         self._estimate = estimate
         self._note, self._frame = note, frame
         self._clock, self._wall, self._silence = clock, wall, silence
-        self._pairing: MovingPairing | None = None
+        self._pairing: HandGuidedPairing | None = None
         self._held: list[JointSample | Reading] = []
         self._paired: list[PairedReading] = []
         self._saved = self._heard = self._looked = clock()
@@ -76,7 +76,7 @@ class LedSession:
         return self._clock() - self._heard > self._silence
 
     @property
-    def tally(self) -> LedTally:
+    def tally(self) -> HandGuidedTally:
         """How it is going."""
         return self.run.tally
 
@@ -94,14 +94,14 @@ class LedSession:
         self._newest[1] = reading.stamp
         self._take(reading)
 
-    def doubt(self, topic: Topic) -> None:
+    def start_over(self, topic: Topic) -> None:
         """A message has come that may be of another arm or probe than the bag's: it is left out of
         the bag, too, so that nobody pairs it later."""
         self._heard = self._clock()
         if self._pairing is not None:
-            self._paired += self._pairing.doubt()
+            self._paired += self._pairing.start_over()
         self._choose()
-        self.run.doubt()
+        self.run.start_over()
         if topic is PROBE_DISPLACEMENTS:
             self.run.tally.refused[UNSURE] += 1
 
@@ -144,10 +144,10 @@ class LedSession:
     def _pair_with(self, shift: int) -> None:
         """Pair from now on, and what was held back, with readings `shift` ns later."""
         self.shift = shift
-        self._pairing = MovingPairing(self._note.settings, shift)
+        self._pairing = HandGuidedPairing(self._note.settings, shift)
         note = self._note
-        as_paired = LedNote(note.settings, note.placements, note.spheres, shift)
-        self.recorder.note(LED_NOTE, as_paired.content())
+        as_paired = HandGuidedRecord(note.settings, note.placements, note.spheres, shift)
+        self.recorder.note(HAND_GUIDED_NOTE, as_paired.content())
         held, self._held = self._held, []
         for message in held:
             self._take(message)

@@ -20,7 +20,7 @@ STALE = 1.0  # s without a message of one stream: it is waited for, the arm told
 SAVE_WITHIN = 0.02  # s: accepted poses that come closer together share a flush
 
 
-class CaptureSession:
+class ProgramSession:
     """Feeds both streams to the pairing and the bag, and the outcomes to the run.
 
     `command` is called with each next trajectory; `clock` gives seconds, `wall` ns for the bag.
@@ -80,11 +80,11 @@ class CaptureSession:
             self._estimate.see_reading(reading)
         self._go_on(self.pairing.add_reading(reading))
 
-    def doubt(self, _: Topic) -> None:
+    def start_over(self, _: Topic) -> None:
         """A message has come that may be of another arm or probe than the bag's: it is left out of
         the bag, too, so that nobody pairs it later."""
         self.unsure += 1
-        self.pairing.doubt()
+        self.pairing.start_over()
         self.run.excuse()
 
     def tick(self) -> None:

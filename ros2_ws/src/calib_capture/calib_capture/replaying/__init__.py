@@ -7,8 +7,8 @@ from calib_model.lazy import lazily
 
 if TYPE_CHECKING:
     from calib_capture.replaying.pair_hand_guided import (
-        RepeatedLed as RepeatedLed,
-        repeat_led as repeat_led,
+        PairedHandGuided as PairedHandGuided,
+        pair_recorded_guidance as pair_recorded_guidance,
     )
     from calib_capture.replaying.pair_program import (
         Repeated as Repeated,

@@ -8,22 +8,28 @@ from pathlib import Path
 
 import numpy as np
 
-from calib_capture.recording import LedNote, LedPose, LedRun, LedTally, clock_line
+from calib_capture.recording import (
+    HandGuidedPose,
+    HandGuidedRecord,
+    HandGuidedRun,
+    HandGuidedTally,
+    clock_line,
+)
 from calib_capture.replaying.pair_program import clock_of, read_raw
 from calib_model.errors import BagError
 from calib_model.labelling import SphereFinder
 from calib_model.measurement import Measurement, ProbingSet
-from calib_model.pairing import BRIDGED, ClockOffset, MovingPairing, PairedReading, Reading
+from calib_model.pairing import BRIDGED, ClockOffset, HandGuidedPairing, PairedReading, Reading
 from calib_model.progress import Progress, paced
 from calib_model.stamps import SECOND
 
 
 @dataclass(frozen=True)
-class RepeatedLed:
-    """What came of pairing a led arm's streams anew; readings were shifted by `shift` ns."""
+class PairedHandGuided:
+    """What came of pairing hand-guided streams anew; readings were shifted by `shift` ns."""
 
     measured: Measurement
-    tally: LedTally
+    tally: HandGuidedTally
     late_joints: int
     clock: ClockOffset | None
     shift: int
@@ -36,10 +42,13 @@ class RepeatedLed:
         return [self.tally.line(), *late, *bridged, clock_line(self.clock, self.shift)]
 
 
-def repeat_led(
-    path: Path, note: LedNote, correct_clock: bool = False, progress: Progress | None = None
-) -> RepeatedLed:
-    """The poses of a led arm's bag, in time order, paired as `note` says.
+def pair_recorded_guidance(
+    path: Path,
+    note: HandGuidedRecord,
+    correct_clock: bool = False,
+    progress: Progress | None = None,
+) -> PairedHandGuided:
+    """The poses of a hand-guided arm's bag, in time order, paired as `note` says.
 
     With `correct_clock` readings are paired at their stamps in the joints' clock, as far as the
     streams tell the offset; otherwise by the note's own shift. Poses keep the readings' stamps.
@@ -54,7 +63,7 @@ def repeat_led(
     shift = note.shift
     if correct_clock:
         shift = round(clock.seconds * SECOND) if clock is not None else 0
-    pairing = MovingPairing(note.settings, shift)
+    pairing = HandGuidedPairing(note.settings, shift)
     paired: list[PairedReading] = []
     for message in paced(raw.stream, progress, 'pairing', 'messages', 1024):
         if isinstance(message, Reading):
@@ -63,15 +72,15 @@ def repeat_led(
             paired += pairing.add_joints(message)
     paired += pairing.finish()
     finder = SphereFinder(raw.arm, raw.probe, raw.gauge, note.placements, note.spheres)
-    run = LedRun(finder, note.settings)
+    run = HandGuidedRun(finder, note.settings)
     poses = sorted(run.take(paired), key=lambda pose: pose.stamp)
     if not poses:
         raise BagError(f'{path}: no pose comes of it: {run.tally.line()}')
     measured = Measurement(raw.arm, raw.probe, raw.gauge, _probing_set(poses), str(path)).checked()
-    return RepeatedLed(measured, run.tally, pairing.late_joints, clock, shift, pairing.bridged)
+    return PairedHandGuided(measured, run.tally, pairing.late_joints, clock, shift, pairing.bridged)
 
 
-def _probing_set(poses: list[LedPose]) -> ProbingSet:
+def _probing_set(poses: list[HandGuidedPose]) -> ProbingSet:
     return ProbingSet(
         np.array([pose.location for pose in poses], dtype=np.int64),
         np.array([pose.sphere for pose in poses], dtype=np.int64),

@@ -5,8 +5,8 @@ from clear_of import placed, smallest_clearance
 
 from calib_capture.motion.bodies import bodies_of
 from calib_capture.motion.collision import CollisionCheck
-from calib_capture.motion.free_paths import Ways
-from calib_capture.motion.rrt_connect import detour
+from calib_capture.motion.free_paths import FreePaths
+from calib_capture.motion.rrt_connect import rrt_connect
 from calib_model.transforms import RigidTransform
 
 pytestmark = pytest.mark.timeout(60)
@@ -18,7 +18,7 @@ def test_nothing_moves_farther_than_the_joints_turns_times_their_reach(
 ):
     arm = request.getfixturevalue(which)
     bodies = bodies_of(arm, probe, gauge)
-    ways = Ways(arm, None, bodies, 0.0)
+    ways = FreePaths(arm, None, bodies, 0.0)
     generator = np.random.default_rng(0)
     start = generator.uniform(-3, 3, (400, arm.n))
     turn = generator.uniform(-0.3, 0.3, (400, arm.n)) * (generator.random((400, arm.n)) < 0.4)
@@ -33,7 +33,7 @@ def test_straight_ways_are_free_as_a_fine_search_finds_them(kr5, probe, gauge, p
     bodies = bodies_of(kr5, probe, gauge)
     check = CollisionCheck(kr5, bodies)
     check.put_gauge(placements[3], -1)
-    ways = Ways(kr5, check, bodies, 0.0)
+    ways = FreePaths(kr5, check, bodies, 0.0)
     generator, share = np.random.default_rng(1), np.linspace(0, 1, 300)[:, None]
     counts = {True: 0, False: 0}
     while min(counts.values()) < 8:
@@ -61,7 +61,7 @@ def test_a_detour_goes_around_a_wall_and_not_through_a_closed_one():
     def found(gate):
         generator = np.random.default_rng(2)
         start, goal = np.array([-1.0, 0.0]), np.array([1.0, 0.0])
-        way = detour(
+        way = rrt_connect(
             start,
             goal,
             lambda a, b: free(a, b, gate),

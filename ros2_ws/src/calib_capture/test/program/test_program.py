@@ -5,11 +5,11 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from calib_capture.motion import Ways, travel_time
+from calib_capture.motion import FreePaths, travel_time
 from calib_capture.program.candidates import NO_FREE_WAY, Candidate
 from calib_capture.program.planner import Planner
 from calib_capture.program.program import ProgramError, ProgramSettings
-from calib_capture.program.visiting_order import Visiting
+from calib_capture.program.visiting_order import VisitingOrder
 from calib_model.errors import DataError
 from calib_model.instruments import PassiveProbe
 from calib_model.kinematics import forward_kinematics
@@ -169,7 +169,7 @@ def test_everything_is_visited_once_the_nearer_turn_of_it_first():
     items = [Candidate(postures, none, np.zeros(3)) for postures in choices]
 
     def order(start):
-        visits = Visiting(np.ones(1), None, np.array([start])).visit(items)
+        visits = VisitingOrder(np.ones(1), None, np.array([start])).visit(items)
         return [(visit.item, visit.which) for visit in visits]
 
     assert order(0.0) == [(1, 0), (0, 0), (2, 0)]
@@ -181,14 +181,14 @@ def test_a_pose_with_no_free_way_is_left_out_and_told(kr5, probe, gauge, placeme
     settings = replace(SETTINGS, poses_per_sphere=4, pool=1)
     whole = Planner(kr5, probe, gauge, settings).program(placements, [1])
     banned = whole.poses[2].approach[0]
-    free = Ways.free
+    free = FreePaths.free
 
     def walled(ways, start, goal, seated=False):
         # full turns apart is the same place; ways are looked for from both ends
         turned = np.abs(np.sin((np.array([start, goal]) - banned) / 2)).max(axis=1)
         return (seated or turned.min() > 1e-9) and free(ways, start, goal, seated)
 
-    monkeypatch.setattr(Ways, 'free', walled)
+    monkeypatch.setattr(FreePaths, 'free', walled)
     left = Planner(kr5, probe, gauge, settings).program(placements, [1])
     assert len(left.poses) == len(whole.poses) - 1
     assert left.spheres[0].reasons[NO_FREE_WAY] == 1

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Poses of an arm that is led: spaced along its way, seated, on spheres that are known."""
+"""Poses of a hand-guided arm: spaced along its way, seated, on spheres that are known."""
 
 import numpy as np
 import pytest
 
-from calib_capture.recording.hand_guided_record import LedNote, apart
-from calib_capture.recording.hand_guided_run import LedRun
+from calib_capture.recording.hand_guided_record import HandGuidedRecord, apart
+from calib_capture.recording.hand_guided_run import HandGuidedRun
 from calib_model.errors import BagError
 from calib_model.kinematics import points
 from calib_model.labelling import NOWHERE, UNTOUCHED, SphereFinder
-from calib_model.pairing import NO_SPHERE, NO_TOUCH, MovingSettings, PairedReading
+from calib_model.pairing import NO_SPHERE, NO_TOUCH, HandGuidedSettings, PairedReading
 from calib_model.stamps import SECOND
 
 pytestmark = pytest.mark.timeout(60)
-SETTINGS = MovingSettings(spacing=0.1, seated=0.05)
+SETTINGS = HandGuidedSettings(spacing=0.1, seated=0.05)
 
 
 class OneSphere:
@@ -40,7 +40,7 @@ def ways(poses):
 
 
 def test_poses_lie_spaced_along_the_way_and_clear_of_both_ends_of_a_contact():
-    run = LedRun(OneSphere(), SETTINGS)
+    run = HandGuidedRun(OneSphere(), SETTINGS)
     poses = run.take(contact(1.0, 2.0) + [reading(2.0, 0.0, reason='no contact')])
     assert np.diff(ways(poses)) == pytest.approx(0.1, abs=2.1e-3)
     assert ways(poses)[0] == pytest.approx(1.05, abs=2.1e-3)
@@ -51,14 +51,14 @@ def test_poses_lie_spaced_along_the_way_and_clear_of_both_ends_of_a_contact():
 
 
 def test_an_arm_that_rests_gives_one_pose():
-    run = LedRun(OneSphere(), SETTINGS)
+    run = HandGuidedRun(OneSphere(), SETTINGS)
     assert len(run.take([reading(t, 0.3) for t in np.arange(0, 2, 0.002)])) == 1
 
 
 def test_batches_of_readings_make_no_difference():
     whole = contact(1.0, 2.0) + contact(3.0, 3.4, row=1) + contact(3.4, 4.0)
-    expected = LedRun(OneSphere(), SETTINGS).take(whole)
-    run, found = LedRun(OneSphere(), SETTINGS), []
+    expected = HandGuidedRun(OneSphere(), SETTINGS).take(whole)
+    run, found = HandGuidedRun(OneSphere(), SETTINGS), []
     for begin in range(0, len(whole), 7):
         found += run.take(whole[begin : begin + 7])
     assert [pose.stamp for pose in found] == [pose.stamp for pose in expected]
@@ -66,12 +66,12 @@ def test_batches_of_readings_make_no_difference():
 
 
 def test_a_touch_too_short_to_be_seated_gives_no_pose():
-    run = LedRun(OneSphere(), SETTINGS)
+    run = HandGuidedRun(OneSphere(), SETTINGS)
     assert run.take(contact(1.0, 1.08) + contact(2.0, 2.04) + contact(3.0, 3.01)) == []
 
 
 def test_every_reading_is_accounted_for():
-    run = LedRun(OneSphere(), SETTINGS)
+    run = HandGuidedRun(OneSphere(), SETTINGS)
     run.take([reading(0.1, 0.0, NOWHERE), reading(0.2, 0.0, UNTOUCHED), reading(0.3, 0.0)])
     assert run.tally.refused == {NO_SPHERE: 1, NO_TOUCH: 1}
     assert '3 readings, 1 paired, 2 refused (' in run.tally.line()
@@ -97,14 +97,16 @@ def test_the_sphere_is_the_one_whose_nominal_centre_is_near(kr5, probe, gauge, p
 
 
 def test_a_note_comes_back_bit_for_bit(placements):
-    asked = LedNote(MovingSettings(0.1 + 0.2, 1 / 3, 0.017, 1e-9), placements, (1, 14), -123)
-    found = LedNote.read(asked.content(), 'bag')
+    asked = HandGuidedRecord(
+        HandGuidedSettings(0.1 + 0.2, 1 / 3, 0.017, 1e-9), placements, (1, 14), -123
+    )
+    found = HandGuidedRecord.read(asked.content(), 'bag')
     assert (found.settings, found.spheres, found.shift) == (asked.settings, (1, 14), -123)
     for number, place in placements.items():
         assert np.array_equal(found.placements[number].matrix(), place.matrix())
-    assert LedNote.read({}, 'bag') is None
+    assert HandGuidedRecord.read({}, 'bag') is None
     with pytest.raises(BagError, match='bag: calib_capture led: .*spacing'):
-        LedNote.read({**asked.content(), 'spacing': 'spacing?'}, 'bag')
+        HandGuidedRecord.read({**asked.content(), 'spacing': 'spacing?'}, 'bag')
 
 
 def test_clocks_that_cannot_agree_are_named():

@@ -9,7 +9,7 @@ import pytest
 from calib_capture.motion import Motion
 from calib_capture.program import PlannedPose, Program, SpherePlan
 from calib_capture.recording.measuring_run import NO_ANSWER, MeasuringRun, RunError, RunSettings
-from calib_capture.recording.program_session import CaptureSession
+from calib_capture.recording.program_session import ProgramSession
 from calib_capture.recording.recorder import Recorder
 from calib_model.bags import cdr, read_measurement, read_messages
 from calib_model.errors import BagError
@@ -282,7 +282,7 @@ class Simulated:
         run = MeasuringRun(self.kr5, self.program, SETTINGS, 0.0)
         pairing = Pairing(SteadySettings())
         clock, wall = (lambda: self.now / SECOND), (lambda: self.now)
-        return CaptureSession(
+        return ProgramSession(
             run, pairing, recorder, 'base_link', self.trajectories.append, clock, wall
         )
 

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     )
     from calib_model.labelling.unlabelled_bag import (
         Instruments as Instruments,
-        RawChoice as RawChoice,
+        RawSettings as RawSettings,
         Sorted as Sorted,
+        label_bag as label_bag,
         numbering_of as numbering_of,
-        sort_bag as sort_bag,
         with_numbers as with_numbers,
     )
 else:

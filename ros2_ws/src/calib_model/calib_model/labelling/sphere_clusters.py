@@ -65,24 +65,24 @@ class Stray:
 
 
 @dataclass
-class Grouped:
+class SphereClusters:
     """The locations in time order, and what belongs to none."""
 
     locations: list[SeenLocation] = field(default_factory=list)
     strays: list[Stray] = field(default_factory=list)
 
 
-class Grouping:
+class SphereClustering:
     """Takes visits in time order; poses `p` (N, 3) are where the nominal arm saw the sphere, m."""
 
     def __init__(self, p: Array, certificate: Certificate) -> None:
         self._p = p
         self._certificate = certificate
         self.near = min(NEAR, certificate.pitch / 4)
-        self.found = Grouped()
+        self.found = SphereClusters()
         self._pending: list[Place] = []
 
-    def run(self) -> Grouped:
+    def run(self) -> SphereClusters:
         """Group all poses."""
         for rows in self._visits():
             self._take(rows)

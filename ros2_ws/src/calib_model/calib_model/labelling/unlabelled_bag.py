@@ -15,7 +15,7 @@ from calib_model.errors import BagError, ContactError, DataError
 from calib_model.instruments import Arm, Gauge, Probe
 from calib_model.kinematics import points
 from calib_model.labelling.certificate_match import Certificate
-from calib_model.labelling.sphere_clusters import Grouped, Grouping, SeenLocation
+from calib_model.labelling.sphere_clusters import SeenLocation, SphereClustering, SphereClusters
 from calib_model.labelling.sphere_numbering import Numbering, numbered
 from calib_model.measurement import Measurement, ProbingSet
 from calib_model.pairing import NOTE, RawTopics, SteadyPose, pair_streams, read_raw, settings_of
@@ -25,7 +25,7 @@ MOST_STRAYS = 5  # that are told one by one
 
 
 @dataclass(frozen=True)
-class RawChoice:
+class RawSettings:
     """What a user can say of a raw bag: its `topics`, the numbers of the `spheres` that were
     probed where they are known, `settings` of the pairing that are not the bag's own, and whether
     the arm stood still for each pose (None: the data tell)."""
@@ -57,8 +57,8 @@ class Sorted:
     lines: tuple[str, ...] = field(default=())
 
 
-def sort_bag(
-    path: str | Path, choice: RawChoice, given: Instruments, told: Told | None = None
+def label_bag(
+    path: str | Path, choice: RawSettings, given: Instruments, told: Told | None = None
 ) -> Sorted:
     """The poses of a bag with nothing but its raw topics, told apart by location and place.
 
@@ -103,7 +103,7 @@ def sort_bag(
         reasons = f'; stops refused: {paired.reasons}' if paired.refused else ''
         raise BagError(f'{path}: no pose comes of its {why} with good readings{reasons}')
     certificate = Certificate(gauge, choice.spheres)
-    grouping = Grouping(p_base, certificate)
+    grouping = SphereClustering(p_base, certificate)
     grouped = grouping.run()
     lines += _told_apart(grouped)
     if not grouped.locations:
@@ -153,7 +153,7 @@ def _seen(
     return usable, p_base, len(poses) - len(usable)
 
 
-def _by_place(poses: Sequence[SteadyPose], grouped: Grouped) -> ProbingSet:
+def _by_place(poses: Sequence[SteadyPose], grouped: SphereClusters) -> ProbingSet:
     labels = sorted(
         (row, number, place_number)
         for number, location in enumerate(grouped.locations, start=1)
@@ -171,7 +171,7 @@ def _by_place(poses: Sequence[SteadyPose], grouped: Grouped) -> ProbingSet:
     )
 
 
-def _told_apart(grouped: Grouped) -> list[str]:
+def _told_apart(grouped: SphereClusters) -> list[str]:
     places = sum(len(location.places) for location in grouped.locations)
     lines = [f'{len(grouped.locations)} locations of the gauge with {places} spheres told apart']
     lines += [stray.line() for stray in grouped.strays[:MOST_STRAYS]]
@@ -182,7 +182,7 @@ def _told_apart(grouped: Grouped) -> list[str]:
     return lines
 
 
-def _nothing(grouped: Grouped) -> str:
+def _nothing(grouped: SphereClusters) -> str:
     """Why no location was found, with the distances of the first place that was left out."""
     text = f'none of {len(grouped.strays)} places stand to one another as on the certificate'
     return f'{text}; {grouped.strays[0].line()}' if grouped.strays else text

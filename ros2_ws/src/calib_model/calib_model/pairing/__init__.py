@@ -20,8 +20,8 @@ if TYPE_CHECKING:
         NO_SPHERE as NO_SPHERE,
         NO_TOUCH as NO_TOUCH,
         UNSURE as UNSURE,
-        MovingPairing as MovingPairing,
-        MovingSettings as MovingSettings,
+        HandGuidedPairing as HandGuidedPairing,
+        HandGuidedSettings as HandGuidedSettings,
         PairedReading as PairedReading,
         travel as travel,
     )

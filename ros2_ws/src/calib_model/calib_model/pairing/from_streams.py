@@ -68,7 +68,7 @@ def pair_streams(
 ) -> Paired:
     """The poses of both streams; `standing` None lets the data say how they were taken.
 
-    An arm that is led goes a long way in contact for every stop that it makes there; one that
+    A hand-guided arm goes a long way in contact for every stop that it makes there; one that
     stops for each pose touches the sphere shortly before and after. Where the moment after a stop
     is too early for most (slow readings, a probe that comes into contact by itself), the readings
     of a contact in which the arm stands are one pose.

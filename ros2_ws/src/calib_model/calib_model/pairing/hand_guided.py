@@ -39,8 +39,8 @@ NO_TOUCH = 'no sphere of that diameter touches the tips'
 
 
 @dataclass(frozen=True)
-class MovingSettings:
-    """How poses are taken of an arm that is led around a sphere.
+class HandGuidedSettings:
+    """How poses are taken of a hand-guided arm.
 
     A pose is taken whenever the joints have gone `spacing` (rad, of all together) since the last
     one, but none within `seated` (s) of where a contact begins or ends. `max_gap` (s) is the
@@ -95,13 +95,13 @@ class _InOrder(Generic[Stamped]):
         return ready, late
 
 
-class MovingPairing:
+class HandGuidedPairing:
     """Takes both streams message by message and accounts for every reading, once.
 
     `shift` (ns) is added to the readings' stamps to have them in the joints' clock.
     """
 
-    def __init__(self, settings: MovingSettings, shift: int = 0) -> None:
+    def __init__(self, settings: HandGuidedSettings, shift: int = 0) -> None:
         self.late_joints = 0  # joint states whose place had been passed
         self.steps_back = 0  # how often the joints' stamps began anew
         self._gaps: Counter[int] = Counter()  # between joint states that were used
@@ -135,7 +135,7 @@ class MovingPairing:
         self._waiting.extend(ready)
         return left + [self._refused(each, OUT_OF_ORDER) for each in late] + self._settled()
 
-    def doubt(self) -> list[PairedReading]:
+    def start_over(self) -> list[PairedReading]:
         """Refuse all that waits, and forget the joints: they may not belong together."""
         refused = [self._refused(each, UNSURE) for each in self._of_probe.rest()[0]]
         refused += [self._refused(each, UNSURE) for each in self._waiting]

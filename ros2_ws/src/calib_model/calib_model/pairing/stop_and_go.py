@@ -176,7 +176,7 @@ class Pairing:
         self._readings: deque[Reading] = deque()
         self._last_reading = self._newest_reading = -1
 
-    def doubt(self) -> None:
+    def start_over(self) -> None:
         """Forget the arm's last stop and all readings: they may not belong together."""
         self._begin()
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from calib_model.instruments import Gauge
 from calib_model.labelling.certificate_match import Certificate
-from calib_model.labelling.sphere_clusters import NEAR, Grouping
+from calib_model.labelling.sphere_clusters import NEAR, SphereClustering
 from calib_model.labelling.sphere_numbering import numbered, renumbered
 from calib_model.transforms import RigidTransform
 
@@ -41,7 +41,7 @@ def seen(gauge, visits, poses=5, error=ERROR, seed=0):
 
 def grouped(gauge, p, only=()):
     certificate = Certificate(gauge, only)
-    grouping = Grouping(p, certificate)
+    grouping = SphereClustering(p, certificate)
     found = grouping.run()
     return found, numbered(found.locations, certificate, grouping.near), certificate
 
@@ -194,5 +194,7 @@ def test_the_order_of_probing_tells_the_ends_of_an_even_set(gauge, placed):
 
 
 def test_near_is_what_tells_neighbours_apart(gauge):
-    assert Grouping(np.zeros((1, 3)), Certificate(gauge)).near == pytest.approx(0.00999, abs=1e-4)
+    assert SphereClustering(np.zeros((1, 3)), Certificate(gauge)).near == pytest.approx(
+        0.00999, abs=1e-4
+    )
     assert NEAR == 0.010

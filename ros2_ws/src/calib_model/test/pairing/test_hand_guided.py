@@ -11,8 +11,8 @@ from calib_model.pairing.hand_guided import (
     LONGEST_WAIT,
     NO_JOINTS,
     OUT_OF_ORDER,
-    MovingPairing,
-    MovingSettings,
+    HandGuidedPairing,
+    HandGuidedSettings,
 )
 from calib_model.pairing.stop_and_go import JointSample, Reading
 from calib_model.stamps import SECOND
@@ -20,7 +20,7 @@ from calib_model.stamps import SECOND
 pytestmark = pytest.mark.timeout(60)
 OK = (0, 0, 0)
 T0 = 1_700_000_000 * SECOND
-SETTINGS = MovingSettings()
+SETTINGS = HandGuidedSettings()
 
 
 def ns(seconds):
@@ -60,9 +60,9 @@ def same(first, second):
 
 def test_readings_paired_across_missing_joint_states_are_counted():
     joints, readings = streams(probe_rate=1000.0)
-    whole, holed = MovingPairing(SETTINGS), MovingPairing(SETTINGS)
+    whole, holed = HandGuidedPairing(SETTINGS), HandGuidedPairing(SETTINGS)
     fed(whole, in_time(joints, readings))
-    assert whole.bridged == MovingPairing(SETTINGS).bridged == 0
+    assert whole.bridged == HandGuidedPairing(SETTINGS).bridged == 0
     left = [each for i, each in enumerate(joints) if i not in (50, 120, 121)]
     paired = fed(holed, in_time(left, readings))
     gaps = [(joints[49].stamp, joints[51].stamp), (joints[119].stamp, joints[122].stamp)]
@@ -73,7 +73,7 @@ def test_readings_paired_across_missing_joint_states_are_counted():
 
 def test_every_reading_has_the_joints_at_its_stamp():
     joints, readings = streams()
-    paired = fed(MovingPairing(SETTINGS), in_time(joints, readings))
+    paired = fed(HandGuidedPairing(SETTINGS), in_time(joints, readings))
     assert [each.stamp for each in paired] == [each.stamp for each in readings]
     inside = [each for each in paired if not each.reason]
     assert len(paired) - len(inside) <= 2  # after the last joint state
@@ -90,23 +90,23 @@ def test_every_reading_has_the_joints_at_its_stamp():
 )
 def test_arrival_of_one_stream_after_the_other_changes_nothing(joint_rate, probe_rate, delay):
     joints, readings = streams(0.8, joint_rate, probe_rate)
-    together = fed(MovingPairing(SETTINGS), in_time(joints, readings))
+    together = fed(HandGuidedPairing(SETTINGS), in_time(joints, readings))
     shift = round(delay * SECOND)
     arriving = sorted([*joints, *readings], key=lambda m: m.stamp + isinstance(m, Reading) * shift)
-    assert same(fed(MovingPairing(SETTINGS), arriving), together)
+    assert same(fed(HandGuidedPairing(SETTINGS), arriving), together)
 
 
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_messages_permuted_within_the_lateness_give_the_same(seed):
     joints, readings = streams(0.6)
-    patient = MovingSettings(lateness=0.02)
-    expected = fed(MovingPairing(patient), in_time(joints, readings))
+    patient = HandGuidedSettings(lateness=0.02)
+    expected = fed(HandGuidedPairing(patient), in_time(joints, readings))
     rng = np.random.default_rng(seed)
     delayed = sorted(
         [*joints, *readings], key=lambda m: m.stamp + rng.integers(0, round(0.019 * SECOND))
     )
-    assert same(fed(MovingPairing(patient), delayed), expected)
+    assert same(fed(HandGuidedPairing(patient), delayed), expected)
 
 
 @settings(max_examples=60, deadline=None)
@@ -125,7 +125,7 @@ def test_whatever_arrives_is_paired_or_refused_once(seed, lost, twice, late, lat
     delay = rng.exponential(late * SECOND * 0.1, len(messages)).astype(int)
     arriving = [messages[i] for i in np.argsort([m.stamp for m in messages] + delay)]
     sent = Counter(m.stamp for m in arriving if isinstance(m, Reading))
-    paired = fed(MovingPairing(MovingSettings(lateness=lateness)), arriving)
+    paired = fed(HandGuidedPairing(HandGuidedSettings(lateness=lateness)), arriving)
     assert Counter(each.stamp for each in paired) == sent
     good = [each.stamp for each in paired if not each.reason]
     assert len(set(good)) == len(good)
@@ -137,7 +137,7 @@ def test_whatever_arrives_is_paired_or_refused_once(seed, lost, twice, late, lat
 def test_joints_are_never_interpolated_across_a_gap():
     joints, readings = streams()
     silent = [j for j in joints if not ns(0.3) < j.stamp < ns(0.4)]
-    paired = fed(MovingPairing(SETTINGS), in_time(silent, readings))
+    paired = fed(HandGuidedPairing(SETTINGS), in_time(silent, readings))
     missing = [each for each in paired if each.reason == NO_JOINTS and each.stamp < ns(0.9)]
     assert len(missing) == pytest.approx(50, abs=2)
     assert all(ns(0.3) <= each.stamp <= ns(0.4) for each in missing)
@@ -150,13 +150,15 @@ def test_joints_are_never_interpolated_across_a_gap():
 def test_one_bad_stylus_refuses_its_reading_and_no_other(status, reason):
     joints, readings = streams(0.2)
     readings[40] = readings[40]._replace(status=(0, status, 0))
-    paired = fed(MovingPairing(SETTINGS), in_time(joints, readings))
+    paired = fed(HandGuidedPairing(SETTINGS), in_time(joints, readings))
     assert [each.reason for each in paired[38:43]] == ['', '', reason, '', '']
 
 
 def test_a_reading_that_comes_twice_or_late_is_refused_as_such():
     joints, readings = streams(0.2)
-    paired = fed(MovingPairing(SETTINGS), [*in_time(joints, readings), readings[10], readings[50]])
+    paired = fed(
+        HandGuidedPairing(SETTINGS), [*in_time(joints, readings), readings[10], readings[50]]
+    )
     refused = [each.stamp for each in paired if each.reason == OUT_OF_ORDER]
     assert refused == [readings[10].stamp, readings[50].stamp]
 
@@ -164,7 +166,7 @@ def test_a_reading_that_comes_twice_or_late_is_refused_as_such():
 def test_streams_of_other_clocks_are_refused_and_not_hoarded():
     joints, readings = streams(0.5)
     ahead = [r._replace(stamp=r.stamp + 3600 * SECOND + i * SECOND) for i, r in enumerate(readings)]
-    pairing, paired = MovingPairing(SETTINGS), []
+    pairing, paired = HandGuidedPairing(SETTINGS), []
     for reading in ahead:
         paired += pairing.add_reading(reading)
     for sample in joints:
@@ -179,7 +181,7 @@ def test_a_driver_started_anew_with_earlier_stamps_is_paired_too():
     joints, readings = streams(0.5)
     early = in_time(joints, readings)
     later = [m._replace(stamp=m.stamp + 100 * SECOND) for m in early]
-    paired = fed(MovingPairing(SETTINGS), [*later, *early])
+    paired = fed(HandGuidedPairing(SETTINGS), [*later, *early])
     assert len(paired) == 2 * len(readings)
     assert sum(not each.reason for each in paired) >= 2 * (len(readings) - 2)
 
@@ -187,8 +189,8 @@ def test_a_driver_started_anew_with_earlier_stamps_is_paired_too():
 def test_a_shift_moves_the_readings_and_leaves_their_stamps():
     joints, readings = streams()
     behind = [r._replace(stamp=r.stamp - round(0.003 * SECOND)) for r in readings]
-    right = fed(MovingPairing(SETTINGS), in_time(joints, readings))
-    shifted = fed(MovingPairing(SETTINGS, round(0.003 * SECOND)), in_time(joints, behind))
+    right = fed(HandGuidedPairing(SETTINGS), in_time(joints, readings))
+    shifted = fed(HandGuidedPairing(SETTINGS, round(0.003 * SECOND)), in_time(joints, behind))
     assert [each.stamp for each in shifted] == [each.stamp for each in behind]
     assert all(
         np.array_equal(a.joints, b.joints)

@@ -273,7 +273,7 @@ def test_what_is_doubted_gives_no_pose_and_what_comes_after_does():
     pairing = Pairing(SETTINGS)
     messages = in_time(joints, readings)
     outcomes = fed(pairing, [m for m in messages if m.stamp < ns(0.33)])
-    pairing.doubt()
+    pairing.start_over()
     outcomes += fed(pairing, [m for m in messages if m.stamp > ns(0.62)]) + pairing.finish()
     poses = [each for each in outcomes if isinstance(each, SteadyPose)]
     assert len(poses) == 2

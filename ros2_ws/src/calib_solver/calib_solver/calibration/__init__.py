@@ -13,17 +13,17 @@ if TYPE_CHECKING:
         with_urdf as with_urdf,
     )
     from calib_solver.calibration.duplicate_poses import (
-        copied_lines as copied_lines,
+        duplicate_lines as duplicate_lines,
     )
     from calib_solver.calibration.evaluate import (
         evaluation_record as evaluation_record,
     )
     from calib_solver.calibration.fit_probe import (
-        fit_from as fit_from,
+        fit_probe_from as fit_probe_from,
     )
     from calib_solver.calibration.raw_options import (
         add_raw_arguments as add_raw_arguments,
-        raw_choice as raw_choice,
+        raw_settings as raw_settings,
     )
     from calib_solver.calibration.sources import (
         Sources as Sources,

@@ -16,7 +16,7 @@ from calib_model.errors import DataError
 from calib_model.measurement import Measurement
 from calib_model.progress import Progress
 from calib_model.urdf import read_urdf
-from calib_solver.calibration.duplicate_poses import copied_lines, noise_lines, seen_lines
+from calib_solver.calibration.duplicate_poses import duplicate_lines, noise_lines, seen_lines
 from calib_solver.calibration.sources import Loaded, Sources, _cut, load_all
 from calib_solver.compensation import write_corrected_urdf
 from calib_solver.fitting import Options
@@ -100,7 +100,7 @@ def calibrate(
     if sources.links:
         options = replace(options, links=read_links(sources.links, loaded.measured.arm))
     loaded, done, resampled = _identified(loaded, options, effort)
-    first = (*_cut((*sources.bags, *test)), *copied_lines(loaded.copies), *noise_lines(done))
+    first = (*_cut((*sources.bags, *test)), *duplicate_lines(loaded.duplicates), *noise_lines(done))
     done = replace(done, warnings=(*first, *done.warnings))
     held_out, notes = None, loaded.lines
     if unseen is not None:

@@ -13,7 +13,7 @@ from calib_solver.identification import Identification
 MIXING = np.random.default_rng(0).integers(1, 2**63, 64, dtype=np.uint64) | np.uint64(1)
 
 
-def copies(poses: ProbingSet) -> NDArray[np.bool_]:
+def find_duplicates(poses: ProbingSet) -> NDArray[np.bool_]:
     """Which poses (N,) have the stamp, sphere number, joints and readings of an earlier one, to the
     last digit: a bag that was given twice, a recording played in a loop. A location is not looked
     at, as that of a second bag is counted on. An arm that comes back to where it was, at another
@@ -28,7 +28,7 @@ def copies(poses: ProbingSet) -> NDArray[np.bool_]:
     return copy
 
 
-def copied_lines(count: int) -> tuple[str, ...]:
+def duplicate_lines(count: int) -> tuple[str, ...]:
     """A line where poses were left out as copies."""
     if not count:
         return ()

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from calib_model.descriptions import parse_correction, read_description
 from calib_model.progress import Progress
-from calib_solver.calibration.duplicate_poses import copied_lines
+from calib_solver.calibration.duplicate_poses import duplicate_lines
 from calib_solver.calibration.sources import Sources, load_all
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
@@ -27,7 +27,7 @@ def evaluation_record(
     loaded = loaded.told_with(loaded.measured.arm, loaded.measured.probe, beyond)
     measured = loaded.measured
     if progress is not None:
-        for line in (*copied_lines(loaded.copies), *loaded.lines):
+        for line in (*duplicate_lines(loaded.duplicates), *loaded.lines):
             progress.say(line)
     quality = assess(Problem.of(measured), measured.arm, measured.probe, beyond)
     return {**quality_record(quality), 'spheres': sphere_records(quality.spheres)}

@@ -25,7 +25,7 @@ class Fitted:
     written: tuple[Path, ...]
 
 
-def fit_from(sources: Sources, output: str = '') -> Fitted:
+def fit_probe_from(sources: Sources, output: str = '') -> Fitted:
     """Fit P by eq. 15 and, when `output` names a folder, write `probe.yaml` there.
 
     Raises:

@@ -14,11 +14,11 @@ from calib_model.errors import BagError
 from calib_model.labelling import (
     Instruments,
     Numbering,
-    RawChoice,
+    RawSettings,
     Sorted,
+    label_bag,
     numbering_of,
     renumbered,
-    sort_bag,
     with_numbers,
 )
 from calib_model.measurement import Measurement
@@ -35,7 +35,7 @@ class Part:
 
 
 def read_part(
-    bag: str, given: Instruments, choice: RawChoice, anew: bool, told: Told | None = None
+    bag: str, given: Instruments, choice: RawSettings, anew: bool, told: Told | None = None
 ) -> Part:
     """A bag's poses; with `anew`, or where it has none, those that its raw topics give.
 
@@ -45,7 +45,7 @@ def read_part(
     if not anew and has_poses(bag):
         return Part(read_measurement(bag, given.arm, given.probe, given.gauge))
     try:
-        raw = sort_bag(bag, choice, given, told)
+        raw = label_bag(bag, choice, given, told)
     except BagError as error:
         if anew or 'no messages on' not in str(error):
             raise

@@ -6,7 +6,7 @@ from __future__ import annotations
 from argparse import Namespace
 
 from calib_model.command_line import CommandParser, UsageError, number_from
-from calib_model.labelling import RawChoice
+from calib_model.labelling import RawSettings
 from calib_model.pairing import PAIRING, RawTopics
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
 
@@ -68,7 +68,7 @@ def add_raw_arguments(parser: CommandParser) -> None:
     )
 
 
-def raw_choice(given: Namespace) -> RawChoice:
+def raw_settings(given: Namespace) -> RawSettings:
     """What was chosen.
 
     Raises:
@@ -81,4 +81,4 @@ def raw_choice(given: Namespace) -> RawChoice:
         raise UsageError('--spheres: a number is there twice')
     topics = RawTopics(given.joint_states, given.displacements, tuple(given.joints))
     settings = tuple(chosen.items())
-    return RawChoice(topics, tuple(given.spheres), settings, MOTIONS[given.motion])
+    return RawSettings(topics, tuple(given.spheres), settings, MOTIONS[given.motion])

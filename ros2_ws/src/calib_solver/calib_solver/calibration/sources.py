@@ -19,10 +19,10 @@ from calib_model.descriptions import (
 from calib_model.errors import DataError
 from calib_model.instruments import Arm, Probe
 from calib_model.kinematics import Correction
-from calib_model.labelling import Instruments, RawChoice
+from calib_model.labelling import Instruments, RawSettings
 from calib_model.measurement import Measurement, ProbingSet
 from calib_model.progress import Pace, Progress
-from calib_solver.calibration.duplicate_poses import copies
+from calib_solver.calibration.duplicate_poses import find_duplicates
 from calib_solver.calibration.labelled_bags import Part, RawSpheres, read_part
 from calib_solver.held_out import refuse_other_instruments
 from calib_solver.problem import Problem
@@ -40,7 +40,7 @@ class Sources:
     probe: str = ''
     gauge: str = ''
     links: str = ''
-    raw: RawChoice = RawChoice()
+    raw: RawSettings = RawSettings()
     anew: bool = False
 
 
@@ -57,7 +57,7 @@ class Loaded:
 
     measured: Measurement
     raw: RawSpheres | None = None
-    copies: int = 0  # poses that were left out: others are the same to the last digit
+    duplicates: int = 0  # poses that were left out: others are the same to the last digit
 
     def told_by(self, spheres: ProbedSpheres) -> Loaded:
         """Numbered as the distances between these centres tell, where they do so clearly."""
@@ -77,14 +77,14 @@ class Loaded:
         """How bags without poses became a measurement."""
         return () if self.raw is None else (*self.raw.lines, self.raw.numbering.line())
 
-    def apart_from_copies(self) -> Loaded:
+    def without_duplicates(self) -> Loaded:
         """Each pose once."""
         poses = self.measured.poses
-        copy = copies(poses)
+        copy = find_duplicates(poses)
         if not copy.any():
             return self
         measured = replace(self.measured, poses=poses.take(~copy))
-        return replace(self, measured=measured, copies=int(copy.sum()))
+        return replace(self, measured=measured, duplicates=int(copy.sum()))
 
 
 def load(sources: Sources) -> Measurement:
@@ -117,7 +117,7 @@ def load_all(sources: Sources, progress: Progress | None = None) -> Loaded:
         pace.end()
     sorted_bags = [part.raw for part in found if part.raw is not None]
     if not sorted_bags:
-        return Loaded(_joined([part.measured for part in found])[0]).apart_from_copies()
+        return Loaded(_joined([part.measured for part in found])[0]).without_duplicates()
     raw = RawSpheres.of(sorted_bags)
     numbered = iter(raw.measurements())
     parts = [part.measured if part.raw is None else next(numbered) for part in found]
@@ -127,7 +127,7 @@ def load_all(sources: Sources, progress: Progress | None = None) -> Loaded:
         for part, shift in zip(found, shifts, strict=True) if part.raw is not None
         for number in range(1, len(part.raw.locations) + 1)
     )  # fmt: skip
-    return Loaded(measured, replace(raw, locations=locations)).apart_from_copies()
+    return Loaded(measured, replace(raw, locations=locations)).without_duplicates()
 
 
 def _joined(parts: Sequence[Measurement]) -> tuple[Measurement, list[int]]:

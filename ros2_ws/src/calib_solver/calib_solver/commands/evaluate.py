@@ -13,7 +13,7 @@ from calib_solver.calibration import (
     Sources,
     add_raw_arguments,
     evaluation_record,
-    raw_choice,
+    raw_settings,
 )
 
 ABOUT = """\
@@ -49,7 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             given.arm,
             given.probe,
             given.gauge,
-            raw=raw_choice(given),
+            raw=raw_settings(given),
             anew=given.raw,
         )
         # what is said goes beside the JSON

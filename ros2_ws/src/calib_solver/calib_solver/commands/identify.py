@@ -15,7 +15,7 @@ from calib_solver.calibration import (
     Sources,
     add_raw_arguments,
     calibrate,
-    raw_choice,
+    raw_settings,
     summary_text,
     with_urdf,
 )
@@ -184,7 +184,7 @@ def run(argv: Sequence[str] | None = None) -> Calibration:
         given.probe,
         given.gauge,
         given.links,
-        raw_choice(given),
+        raw_settings(given),
         given.raw,
     )
     test = [bag for group in given.test for bag in group]

@@ -26,7 +26,7 @@ from calib_model.kinematics import (
     forward_kinematics,
     harmonic_basis,
 )
-from calib_solver.error_models.validation_gain import FEWEST_LOCATIONS, Gain, LeavingOut
+from calib_solver.error_models.validation_gain import FEWEST_LOCATIONS, Gain, LeaveOneOut
 from calib_solver.problem import IntArray, Problem, accumulate_by, by_joint, point_jacobian
 
 CHOICES = ('off', 'auto', 'harmonic')
@@ -105,7 +105,7 @@ def fit_correction(
     def evaluate(rows: IntArray) -> tuple[Array, Array]:
         return columns.at(problem, table, full, rows)
 
-    judge = LeavingOut(problem, accumulate_by(problem, columns.count, evaluate), OBJECTIVE, kappa)
+    judge = LeaveOneOut(problem, accumulate_by(problem, columns.count, evaluate), OBJECTIVE, kappa)
     nothing = np.zeros(columns.count)
     without = judge.scores(np.zeros(0, dtype=np.int64), nothing, nothing)
     found = {

@@ -19,7 +19,7 @@ from calib_model.kinematics import (
     Links,
     ParameterTable,
 )
-from calib_solver.error_models.validation_gain import FEWEST_LOCATIONS, Gain, LeavingOut
+from calib_solver.error_models.validation_gain import FEWEST_LOCATIONS, Gain, LeaveOneOut
 from calib_solver.fitting import Prior
 from calib_solver.problem import IntArray, Problem, SphereSums
 
@@ -123,7 +123,7 @@ def choose_joint_errors(
     wider = table_with(table, problem, kinds, links)
     full = wider.nominal.copy()
     full[table.free_columns] += x
-    judge = LeavingOut(problem, passes(problem, wider, full), name, kappa)
+    judge = LeaveOneOut(problem, passes(problem, wider, full), name, kappa)
     information = prior.information(wider)
     about = full[wider.free_columns] - wider.nominal[wider.free_columns]
     columns = {kind: _columns(wider, kind) for kind in ('', *kinds)}

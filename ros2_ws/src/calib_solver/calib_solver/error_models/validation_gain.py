@@ -97,7 +97,7 @@ class Scores:
         )
 
 
-class LeavingOut:
+class LeaveOneOut:
     """Fits of some columns of a problem's sums to all gauge locations but some, and their worth.
 
     `sums` are those at the parameters that all is linear about; the objective `name` is minimised

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
         stuck_stretches as stuck_stretches,
     )
     from calib_solver.faults.warnings import (
-        doubts_about_parameters as doubts_about_parameters,
-        doubts_about_poses as doubts_about_poses,
+        parameter_warnings as parameter_warnings,
+        pose_warnings as pose_warnings,
     )
 else:
     __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -11,7 +11,7 @@ import numpy as np
 from calib_model.arrays import Array
 from calib_model.kinematics import ParameterTable, point_derivatives
 from calib_model.measurement import Measurement, ProbingSet
-from calib_solver.faults.residual_projection import Unexplained
+from calib_solver.faults.residual_projection import ResidualProjection
 from calib_solver.problem import IntArray, Problem
 
 #: a jump back has to explain so much of what a jump for good leaves
@@ -50,7 +50,7 @@ class Jump:
 
 
 def likely_jumps(
-    residuals: Unexplained, moments: IntArray, joints: Iterable[int] | None = None
+    residuals: ResidualProjection, moments: IntArray, joints: Iterable[int] | None = None
 ) -> list[Jump]:
     """The best jump of every joint, or of some `joints`, at some of the `moments` (K,), places in
     the measurement."""
@@ -62,13 +62,13 @@ def likely_jumps(
     ]
 
 
-def _by_joint(residuals: Unexplained) -> Array:
+def _by_joint(residuals: ResidualProjection) -> Array:
     """How the points move with the joints, (N, 3, n), m/rad."""
     p_flange = residuals.probe.flange_T_probe.apply(residuals.p_probe)
     return point_derivatives(residuals.arm, residuals.joints, p_flange).joints
 
 
-def _best(residuals: Unexplained, joint: int, by_jump: Array, moments: IntArray) -> Jump:
+def _best(residuals: ResidualProjection, joint: int, by_jump: Array, moments: IntArray) -> Jump:
     columns, told = residuals.columns(by_jump)
     fits, among = columns.T @ residuals.left, columns.T @ columns
     square = np.diag(among).copy()
@@ -107,10 +107,10 @@ def large_jumps(measured: Measurement, table: ParameterTable, sigma: Array) -> l
     return [_closed_in_on(measured, table, sigma, jump.joint, moments) for jump in likely]
 
 
-def _at_nominal(measured: Measurement, table: ParameterTable, sigma: Array) -> Unexplained:
+def _at_nominal(measured: Measurement, table: ParameterTable, sigma: Array) -> ResidualProjection:
     problem = Problem.of(measured)
     rows = np.arange(len(problem.joints), dtype=np.int64)
-    return Unexplained(problem, table, measured.arm, measured.probe, rows, sigma)
+    return ResidualProjection(problem, table, measured.arm, measured.probe, rows, sigma)
 
 
 def _closed_in_on(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Leanings: residuals that are mostly one known fault's shadow.
+"""Fault signatures: residuals that are mostly one known fault's shadow.
 
 After the fit the deviations are held against what a wrong gain of a stylus, a wrong diameter of the
 spheres, or an encoder that jumped in mid-measurement would have left in them. What the identified
@@ -17,7 +17,7 @@ import numpy as np
 from calib_model.instruments import ActiveProbe, Arm, Probe
 from calib_model.kinematics import ParameterTable, point_derivatives
 from calib_solver.faults.encoder_jumps import likely_jumps
-from calib_solver.faults.residual_projection import Unexplained
+from calib_solver.faults.residual_projection import ResidualProjection
 from calib_solver.problem import IntArray, Problem
 
 #: so many poses are looked at, and so many moments at which an encoder may have jumped
@@ -30,14 +30,14 @@ STEP = 1e-7  # m, for the derivative by a reading or a diameter
 
 
 @dataclass(frozen=True)
-class Leaning:
+class FaultSignature:
     """A fault that explains `share` of the residuals' variance."""
 
     share: float
     text: str
 
 
-def named_leanings(
+def named_signatures(
     problem: Problem, table: ParameterTable, arm: Arm, probe: Probe, pose_of: IntArray
 ) -> tuple[str, ...]:
     """A line for the fault that explains most of the deviations (3 N,), if any does.
@@ -47,24 +47,24 @@ def named_leanings(
     rows = np.unique(np.linspace(0, len(problem.joints) - 1, POSES).astype(np.int64))
     if len(rows) < FEWEST:
         return ()
-    residuals = Unexplained(problem, table, arm, probe, rows)
-    best = max(_leanings(residuals, pose_of), key=lambda one: one.share)
+    residuals = ResidualProjection(problem, table, arm, probe, rows)
+    best = max(_signatures(residuals, pose_of), key=lambda one: one.share)
     if best.share < SHARE:
         return ()
     return (f'{best.text}: that alone explains {best.share:.0%} of the residuals',)
 
 
-def _leanings(residuals: Unexplained, pose_of: IntArray) -> Iterator[Leaning]:
+def _signatures(residuals: ResidualProjection, pose_of: IntArray) -> Iterator[FaultSignature]:
     if isinstance(residuals.probe, ActiveProbe):
         yield from _of_the_probe(residuals, residuals.probe)
     places = np.sort(residuals.when)
     moments = places[np.unique(np.linspace(2, len(places) - 2, MOMENTS).astype(np.int64))]
     for jump in likely_jumps(residuals, moments):
         name = residuals.arm.joint_names[jump.joint]
-        yield Leaning(jump.share, f'joint {name} {jump.text(pose_of)}')
+        yield FaultSignature(jump.share, f'joint {name} {jump.text(pose_of)}')
 
 
-def _of_the_probe(residuals: Unexplained, probe: ActiveProbe) -> Iterator[Leaning]:
+def _of_the_probe(residuals: ResidualProjection, probe: ActiveProbe) -> Iterator[FaultSignature]:
     """Each stylus' reading off by a factor, and the spheres' diameter off by something."""
     diameter = residuals.measured.gauge.sphere_diameter
     read = residuals.measured.poses.displacement[residuals.when]
@@ -81,6 +81,6 @@ def _of_the_probe(residuals: Unexplained, probe: ActiveProbe) -> Iterator[Leanin
     for stylus in range(3):
         much = 'much' if sizes[stylus] > 0 else 'little'
         size = f'{abs(sizes[stylus]):.2%}'
-        yield Leaning(float(shares[stylus]), f'stylus {stylus + 1} reads {size} too {much}')
+        yield FaultSignature(float(shares[stylus]), f'stylus {stylus + 1} reads {size} too {much}')
     text = f"the spheres' diameter is {-sizes[3] * 1e3:+.3f} mm from the gauge's {diameter * 1e3:g}"
-    yield Leaning(float(shares[3]), f'{text} mm, or the tips are so in all')
+    yield FaultSignature(float(shares[3]), f'{text} mm, or the tips are so in all')

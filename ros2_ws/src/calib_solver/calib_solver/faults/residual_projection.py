@@ -19,7 +19,7 @@ from calib_solver.problem import IntArray, Problem
 USUAL = 1e-3
 
 
-class Unexplained:
+class ResidualProjection:
     """Residuals of the poses `rows` (N,) of a problem, free of what the parameters can do.
 
     `joints` (N, n) and `p_probe` (N, 3) are theirs, `when` (N,) their places in the measurement,

@@ -11,7 +11,7 @@ from calib_model.arrays import Array
 from calib_model.instruments import JOINT_PARAMETERS, Arm, Probe
 from calib_model.kinematics import ParameterTable
 from calib_model.measurement import Measurement
-from calib_solver.faults.fault_signatures import named_leanings
+from calib_solver.faults.fault_signatures import named_signatures
 from calib_solver.faults.gross_errors import SLIPPED, Rejected
 from calib_solver.faults.mixups import beyond_belief, named_mixups
 from calib_solver.fitting import Options, Solver, try_probe_fit
@@ -29,7 +29,7 @@ TOLD = 5.0
 NAMED = 3
 
 
-def doubts_about_poses(
+def pose_warnings(
     measured: Measurement,
     problem: Problem,
     table: ParameterTable,
@@ -56,7 +56,9 @@ def doubts_about_poses(
         mixed_up = _mixed_up(measured, of_all, table)
     out = [one.pose - 1 for one in rejected]
     pose_of = np.setdiff1d(np.arange(len(measured.poses)), out)
-    return mixed_up or named_leanings(problem, table, arm, probe, pose_of) or beyond_belief(spread)
+    return (
+        mixed_up or named_signatures(problem, table, arm, probe, pose_of) or beyond_belief(spread)
+    )
 
 
 def _mixed_up(measured: Measurement, spread: float, table: ParameterTable) -> tuple[str, ...]:
@@ -75,7 +77,7 @@ def _spread(quality: Quality) -> float:
     return float(np.sqrt((quality.deviation**2).sum(axis=1).mean()))
 
 
-def doubts_about_parameters(
+def parameter_warnings(
     table: ParameterTable, full: Array, sigma: Array, uncertainty: Array
 ) -> tuple[str, ...]:
     """A line on what has gone further from nominal than arms of one make do.

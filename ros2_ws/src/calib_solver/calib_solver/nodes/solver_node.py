@@ -20,7 +20,7 @@ from visualization_msgs.msg import MarkerArray
 from calib_model.command_line import run_command
 from calib_model.errors import CalibrationError
 from calib_model.files import Folders, NotPermittedError, usual_reading, usual_writing
-from calib_model.labelling import RawChoice
+from calib_model.labelling import RawSettings
 from calib_model.nodes import NodeCommand, Parameters, qos_of, run_node
 from calib_model.pairing import RawTopics
 from calib_model.topics import SOLVER_MARKERS
@@ -30,7 +30,7 @@ from calib_solver.calibration import (
     bag_list,
     calibrate,
     evaluation_record,
-    fit_from,
+    fit_probe_from,
     in_one_line,
     with_urdf,
 )
@@ -220,7 +220,7 @@ class SolverNode(Node):
 
     def _fit_probe(self, request: FitProbe.Request, response: FitProbe.Response) -> None:
         self._opened.permit([request.bag, *_descriptions(request)], request.output)
-        fitted = fit_from(_sources(request), request.output)
+        fitted = fit_probe_from(_sources(request), request.output)
         response.flange_t_probe = messages.transform(fitted.record['flange_T_probe'])
         response.standard_uncertainty = fitted.record['standard_uncertainty']
         response.spheres = messages.spheres(fitted.record['spheres'])
@@ -303,7 +303,7 @@ def _with_raw(request: Identify.Request) -> Sources:
         request.displacements or RawTopics.displacements,
         tuple(request.joints),
     )
-    choice = RawChoice(topics, tuple(int(number) for number in request.spheres))
+    choice = RawSettings(topics, tuple(int(number) for number in request.spheres))
     return replace(_sources(request), links=request.links, raw=choice, anew=request.raw)
 
 

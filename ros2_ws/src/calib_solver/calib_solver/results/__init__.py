@@ -13,8 +13,8 @@ if TYPE_CHECKING:
         write_results as write_results,
     )
     from calib_solver.results.parameter_estimates import (
-        Account as Account,
-        accounts as accounts,
+        ParameterEstimate as ParameterEstimate,
+        estimates_of as estimates_of,
     )
     from calib_solver.results.quality import (
         Record as Record,

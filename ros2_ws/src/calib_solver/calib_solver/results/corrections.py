@@ -7,21 +7,21 @@ from calib_model.kinematics import KINDS
 from calib_solver.error_models import Gain
 from calib_solver.identification import Identification
 from calib_solver.quality import Quality
-from calib_solver.results.parameter_estimates import Account, accounts
+from calib_solver.results.parameter_estimates import ParameterEstimate, estimates_of
 from calib_solver.results.quality import Record, quality_record
 
 
-def account_record(account: Account) -> Record:
+def estimate_record(estimate: ParameterEstimate) -> Record:
     """A parameter with its value before and after, SI."""
     return {
-        'name': account.parameter.name,
-        'unit': account.parameter.unit,
-        'initial': account.parameter.nominal,
-        'identified': account.identified,
-        'standard_uncertainty': account.standard_uncertainty,
-        'free': account.parameter.free,
-        'identifiable': account.identifiable,
-        'reason': account.reason,
+        'name': estimate.parameter.name,
+        'unit': estimate.parameter.unit,
+        'initial': estimate.parameter.nominal,
+        'identified': estimate.identified,
+        'standard_uncertainty': estimate.standard_uncertainty,
+        'free': estimate.parameter.free,
+        'identifiable': estimate.identifiable,
+        'reason': estimate.reason,
     }
 
 
@@ -40,7 +40,7 @@ def joint_errors_record(done: Identification) -> Record | None:
             for one in choice.tried
         ],
         'parameters': [
-            account_record(one) for one in accounts(done) if one.parameter.kind in KINDS
+            estimate_record(one) for one in estimates_of(done) if one.parameter.kind in KINDS
         ],
     }
 

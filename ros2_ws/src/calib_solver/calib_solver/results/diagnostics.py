@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A fit's account of itself beyond its quality: rank, noise, misfit, where residuals gather."""
+"""What a fit says of itself beyond its quality: rank, noise, misfit, where residuals gather."""
 
 from __future__ import annotations
 

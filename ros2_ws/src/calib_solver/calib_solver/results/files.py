@@ -16,9 +16,9 @@ from calib_solver.fitting import ProbeFit
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
 from calib_solver.resampling import Resampled
-from calib_solver.results.corrections import account_record, correction_record, joint_errors_record
+from calib_solver.results.corrections import correction_record, estimate_record, joint_errors_record
 from calib_solver.results.diagnostics import diagnostics_record
-from calib_solver.results.parameter_estimates import accounts
+from calib_solver.results.parameter_estimates import estimates_of
 from calib_solver.results.quality import Record, quality_record, sphere_records
 from calib_solver.results.resampling import resampling_record
 
@@ -65,7 +65,9 @@ def result_record(
 def parameter_records(done: Identification) -> list[Record]:
     """Every D-H and probe parameter of the table that is in use, in its order."""
     return [
-        account_record(account) for account in accounts(done) if account.parameter.kind not in KINDS
+        estimate_record(estimate)
+        for estimate in estimates_of(done)
+        if estimate.parameter.kind not in KINDS
     ]
 
 
@@ -78,7 +80,7 @@ def transform_record(transform: RigidTransform) -> Record:
 
 
 def probe_fit_record(fit: ProbeFit) -> Record:
-    """Eq. 15's account of itself."""
+    """What eq. 15 says of itself."""
     return {
         'spheres': fit.spheres,
         'poses': fit.poses,

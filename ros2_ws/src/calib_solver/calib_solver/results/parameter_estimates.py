@@ -13,7 +13,7 @@ TOLD = 0.7
 
 
 @dataclass(frozen=True)
-class Account:
+class ParameterEstimate:
     """A parameter with its value before and after; `standard_uncertainty` None when not known."""
 
     parameter: Parameter
@@ -23,7 +23,7 @@ class Account:
     reason: str
 
 
-def accounts(done: Identification) -> list[Account]:
+def estimates_of(done: Identification) -> list[ParameterEstimate]:
     """Every parameter in use, in the table's order."""
     free = {parameter.name: i for i, parameter in enumerate(done.table.free)}
     found = []
@@ -31,26 +31,28 @@ def accounts(done: Identification) -> list[Account]:
         if parameter.name in free:
             found.append(_free(done, parameter, float(value), free[parameter.name]))
         elif parameter.kind != 'beta' or parameter.nominal != 0.0:
-            found.append(Account(parameter, float(value), None, False, parameter.reason))
+            found.append(ParameterEstimate(parameter, float(value), None, False, parameter.reason))
     return found
 
 
-def _free(done: Identification, parameter: Parameter, value: float, index: int) -> Account:
+def _free(
+    done: Identification, parameter: Parameter, value: float, index: int
+) -> ParameterEstimate:
     unseen = parameter.reason or done.observability.reason[index]
     if unseen:
-        return Account(parameter, value, None, False, unseen)
+        return ParameterEstimate(parameter, value, None, False, unseen)
     uncertainty = float(done.uncertainty.standard[index])
     before = done.options.prior.sigma[parameter.kind]
     size = quantity(uncertainty, parameter.unit)
     if done.options.prior.strength > 0 and uncertainty > TOLD * before:
         reason = f'the poses tell it hardly better ({size}) than the prior did'
-        return Account(parameter, value, uncertainty, False, reason)
+        return ParameterEstimate(parameter, value, uncertainty, False, reason)
     reason = f'told by the poses to {size}'
     if done.options.prior.strength > 0 and uncertainty > 0:
         times = before / uncertainty
         shown = f'{times:,.0f}' if times >= 100 else f'{times:.3g}'
         reason += f', {shown} times better than by the prior'
-    return Account(parameter, value, uncertainty, True, reason)
+    return ParameterEstimate(parameter, value, uncertainty, True, reason)
 
 
 def quantity(value: float, unit: str) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from calib_model.arrays import Array
 from calib_solver.identification import Identification
 from calib_solver.resampling import Repeated, Resampled
-from calib_solver.results.parameter_estimates import accounts
+from calib_solver.results.parameter_estimates import estimates_of
 from calib_solver.results.quality import Record
 from calib_solver.results.workspace import over_workspace
 
@@ -22,15 +22,15 @@ def resampling_record(done: Identification, resampled: Resampled) -> Record:
     `standard_uncertainty` is.
     """
     found = {method: getattr(resampled, method) for method in METHODS}
-    free = [account for account in accounts(done) if account.parameter.free]
+    free = [estimate for estimate in estimates_of(done) if estimate.parameter.free]
     parameters = []
-    for i, account in enumerate(free):
+    for i, estimate in enumerate(free):
         sizes = {method: _size(repeated, i) for method, repeated in found.items()}
         parameters.append(
             {
-                'name': account.parameter.name,
-                'unit': account.parameter.unit,
-                'analytic': account.standard_uncertainty,
+                'name': estimate.parameter.name,
+                'unit': estimate.parameter.unit,
+                'analytic': estimate.standard_uncertainty,
                 **sizes,
             }
         )
@@ -60,9 +60,9 @@ def _method_record(done: Identification, repeated: Repeated | None) -> Record | 
 def _ratio(done: Identification, repeated: Repeated) -> float | None:
     """The median over the identifiable parameters of the method's uncertainty to the stated."""
     stated = [
-        account.standard_uncertainty if account.identifiable else None
-        for account in accounts(done)
-        if account.parameter.free
+        estimate.standard_uncertainty if estimate.identifiable else None
+        for estimate in estimates_of(done)
+        if estimate.parameter.free
     ]
     ratios = [size / said for size, said in zip(repeated.standard, stated, strict=True) if said]
     return float(np.median(ratios)) if ratios else None

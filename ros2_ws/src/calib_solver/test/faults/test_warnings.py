@@ -12,9 +12,9 @@ from simulated_calibration import active, iiwa, kr5, passive, random_arm, simula
 from calib_model.kinematics import identifiable_table
 from calib_solver.faults.certificate import named_scale
 from calib_solver.faults.encoder_jumps import large_jumps, likely_jumps, without
-from calib_solver.faults.residual_projection import Unexplained, rough_spread
+from calib_solver.faults.residual_projection import ResidualProjection, rough_spread
 from calib_solver.faults.stuck_styli import set_apart, stuck_stretches
-from calib_solver.faults.warnings import doubts_about_parameters
+from calib_solver.faults.warnings import parameter_warnings
 from calib_solver.fitting import DEFAULT_PRIOR
 from calib_solver.identification import identify
 from calib_solver.problem import Problem
@@ -60,7 +60,7 @@ def test_a_jump_and_back_is_told_from_one_for_good(measured):
     wrong = jumped(measured, 3, 2e-3, 70, 150)
     table, done = table_of(wrong), identify(wrong)
     rows = np.arange(len(wrong.poses))
-    residuals = Unexplained(Problem.of(wrong), table, done.arm, done.probe, rows)
+    residuals = ResidualProjection(Problem.of(wrong), table, done.arm, done.probe, rows)
     found = max(likely_jumps(residuals, np.arange(1, len(rows))), key=lambda jump: jump.share)
     assert (found.joint, found.first, found.last) == (3, 70, 150)
     assert found.size == pytest.approx(2e-3, rel=0.05)
@@ -73,9 +73,9 @@ def test_what_the_parameters_can_do_is_no_fault(measured):
     problem = Problem.of(measured)
     done = identify(measured)
     rows = np.arange(len(measured.poses))
-    left = Unexplained(problem, table, done.arm, done.probe, rows).left
+    left = ResidualProjection(problem, table, done.arm, done.probe, rows).left
     assert np.sqrt(left @ left / len(rows)) < 3e-5
-    share, _ = Unexplained(problem, table, done.arm, done.probe, rows).explained(
+    share, _ = ResidualProjection(problem, table, done.arm, done.probe, rows).explained(
         np.ones((len(rows), 3, 1))
     )
     assert share[0] == 0.0  # the same for all poses: their mean takes it up
@@ -127,12 +127,12 @@ def test_lengths_that_all_grow_by_more_than_arms_do_are_a_matter_of_scale(measur
 def test_what_is_far_from_nominal_is_told_unless_nothing_told_it(measured):
     table, full, sigma = changed(measured, a1=-8e-3, alpha2=0.1)
     sure, unsure = np.full(len(sigma), 1e-5), np.full(len(sigma), 1.0)
-    (line,) = doubts_about_parameters(table, full, sigma, sure)
+    (line,) = parameter_warnings(table, full, sigma, sure)
     assert 'alpha2 by +100.000 mrad, a1 by -8.000 mm' in line
-    assert doubts_about_parameters(table, full, sigma, unsure) == ()
-    assert doubts_about_parameters(*changed(measured, a1=4e-3), sure) == ()
+    assert parameter_warnings(table, full, sigma, unsure) == ()
+    assert parameter_warnings(*changed(measured, a1=4e-3), sure) == ()
     # where the probe is on the flange is what eq. 15 is for
-    assert doubts_about_parameters(*changed(measured, probe_x=2.0), sure) == ()
+    assert parameter_warnings(*changed(measured, probe_x=2.0), sure) == ()
 
 
 def test_poses_that_are_all_the_same_are_no_traceback(measured):

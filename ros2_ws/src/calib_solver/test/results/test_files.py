@@ -23,7 +23,7 @@ from calib_solver.calibration import (
     bag_list,
     calibrate,
     evaluation_record,
-    fit_from,
+    fit_probe_from,
     load,
     summary_text,
 )
@@ -300,7 +300,7 @@ def test_fit_probe_writes_a_probe_that_repeats_better(tmp_path):
     measured = replace(scene.measured, arm=scene.true)
     write_measurement(tmp_path / 'bag', measured)
     bag = Sources((str(tmp_path / 'bag'),))
-    fitted = fit_from(bag, str(tmp_path / 'out'))
+    fitted = fit_probe_from(bag, str(tmp_path / 'out'))
     record = as_written(fitted.record)
     result_schema.keys(record['probe_fit'], result_schema.PROBE_FIT)
     result_schema.transform(record['flange_T_probe'])
@@ -316,7 +316,7 @@ def test_fit_probe_refuses_a_file_in_the_folders_place(tmp_path):
     write_measurement(tmp_path / 'bag', replace(scene.measured, arm=scene.true))
     (tmp_path / 'out').write_text('mine')
     with pytest.raises(CalibrationError, match='cannot be written'):
-        fit_from(Sources((str(tmp_path / 'bag'),)), str(tmp_path / 'out'))
+        fit_probe_from(Sources((str(tmp_path / 'bag'),)), str(tmp_path / 'out'))
     assert (tmp_path / 'out').read_text() == 'mine'
 
 

@@ -18,8 +18,8 @@ from process_graph import CAPTURE, CONFIG, OPERATOR
 from sensor_msgs.msg import JointState
 
 from calib_bringup.processes import Child
-from calib_capture.commands.pair import pair_led
-from calib_capture.recording import LED_NOTE, LedNote
+from calib_capture.commands.pair import pair_hand_guided_bag
+from calib_capture.recording import HAND_GUIDED_NOTE, HandGuidedRecord
 from calib_capture.replaying import read_raw
 from calib_model.bags import (
     read_measurement,
@@ -28,7 +28,7 @@ from calib_model.bags import (
 from calib_model.nodes import stamp_of
 from calib_model.pairing import Reading
 
-WITHIN_ONE_STATE = 1e-3  # rad that a joint of a led arm goes, at its fastest, and more
+WITHIN_ONE_STATE = 1e-3  # rad that a joint of a hand-guided arm goes, at its fastest, and more
 TAKEN = re.compile(r'(\d+) poses of 1 spheres taken from (\d+) readings')
 LATE = re.compile(r'(\d+) joint states out of order')
 BRIDGED = re.compile(r'(\d+) readings paired across missing joint states')
@@ -95,7 +95,9 @@ def test_one_message_in_a_hundred_dropped_doubled_or_late_changes_no_pose_and_is
     raw = read_raw(bag).stream
     assert came == sum(isinstance(each, Reading) for each in raw)
     assert min(late, bridged) > 0
-    pair_led(bag, graph.folder / 'again', LedNote.read(read_note(bag, LED_NOTE), 'bag'))
+    pair_hand_guided_bag(
+        bag, graph.folder / 'again', HandGuidedRecord.read(read_note(bag, HAND_GUIDED_NOTE), 'bag')
+    )
     again = read_measurement(graph.folder / 'again').poses
     assert np.array_equal(again.stamp, poses.stamp)
     assert np.array_equal(again.joints, poses.joints)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An arm led by hand, live: operator and capture as processes, every reading accounted for."""
+"""A hand-guided arm, live: operator and capture as processes, every reading accounted for."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ pytest.importorskip('rclpy', reason='no ROS 2 here')
 pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
 from calib_bringup.domains import held_domain
 from calib_bringup.processes import Child, Children, graph_environment
-from calib_capture.commands.pair import pair_led
-from calib_capture.recording import CLOCK_NOTE, LED_NOTE, LedNote
+from calib_capture.commands.pair import pair_hand_guided_bag
+from calib_capture.recording import CLOCK_NOTE, HAND_GUIDED_NOTE, HandGuidedRecord
 from calib_capture.replaying import read_raw
 from calib_model.bags import (
     read_measurement,
@@ -94,8 +94,8 @@ def test_a_led_arm_is_paired_live_as_it_is_from_the_bag_and_gone_on_with(graph, 
     assert f'{taken} poses are there already' in text
     poses = read_measurement(tmp_path / 'bag').poses
     assert len(poses) == taken + more > taken
-    note = LedNote.read(read_note(tmp_path / 'bag', LED_NOTE), 'bag')
-    pair_led(tmp_path / 'bag', tmp_path / 'again', note)
+    note = HandGuidedRecord.read(read_note(tmp_path / 'bag', HAND_GUIDED_NOTE), 'bag')
+    pair_hand_guided_bag(tmp_path / 'bag', tmp_path / 'again', note)
     again = read_measurement(tmp_path / 'again').poses
     for column in ('stamp', 'location', 'sphere', 'joints', 'displacement'):
         assert np.array_equal(getattr(again, column), getattr(poses, column)), column
