@@ -8,8 +8,8 @@ import numpy as np
 from calib_model.arrays import Array
 from calib_model.kinematics import points, tool_motion
 from calib_solver.compensation import Calibrated, Targets, compensate_targets, tip
+from calib_solver.fitting import workspace_at
 from calib_solver.identification import Identification, identify
-from calib_solver.results import position_uncertainty
 from studies.running import columns, over_seeds, study
 from studies.scenes import Noise, Scene, aligned, kr5, measure, off_as_the_prior_says, off_mount
 
@@ -59,8 +59,8 @@ def before_and_after(scene: Scene, generator: np.random.Generator) -> list[float
 
 def stated(done: Identification, q: Array) -> float:
     """The stated standard uncertainty of the tool's position at postures q (N, n), mean, m."""
-    variance = np.trace(position_uncertainty(done, q), axis1=1, axis2=2)
-    return float(np.sqrt(np.maximum(variance, 0.0)).mean())
+    there = workspace_at(done.problem, done.table, done.full, q)
+    return float(there.uncertainty(done.uncertainty.covariance).mean())
 
 
 def random_targets(calibrated: Calibrated, generator: np.random.Generator) -> Array:

@@ -27,7 +27,6 @@ from calib_capture.program import (
 from calib_model.arrays import Array
 from calib_model.measurement import Measurement, ProbingSet
 from calib_solver.identification import identify
-from calib_solver.results import over_workspace
 from studies.running import columns, over_seeds, paragraph, study
 from studies.scenes import Bench, Scene, kr5, off_as_the_prior_says, off_mount, reach
 
@@ -334,7 +333,7 @@ def calibrated(given: Candidates, chosen: Sequence[Indices], seed: int) -> Outco
     measured = Measurement(bench.arm, bench.probe, bench.gauge, taken, 'simulated')
     done = identify(measured)
     off = Scene(arm, mount, measured).errors(done.arm, done.probe, seed)
-    stated = over_workspace(done).position
+    stated = done.workspace.uncertainty(done.uncertainty.covariance)
     return Outcome(float(np.sqrt(np.mean(off**2))), float(np.sqrt(np.mean(stated**2))))
 
 

@@ -15,7 +15,6 @@ from calib_model.kinematics import points
 from calib_model.transforms import RigidTransform
 from calib_solver.fitting import OBJECTIVES, Options
 from calib_solver.identification import identify
-from calib_solver.results import estimates_of
 from studies.running import columns, over_seeds, study
 from studies.scenes import CONFIG, Bench, Scene, kr5, measure, off_by_at_most, off_mount, reach
 
@@ -119,7 +118,7 @@ def outcomes(seed: int) -> list[Outcome]:
     found = []
     for name in OBJECTIVES:
         done = identify(scene.measured, Options(name))
-        unseen = sum(a.parameter.free and not a.identifiable for a in estimates_of(done))
+        unseen = sum(a.parameter.free and not a.identifiable for a in done.estimates)
         error = float(scene.errors(done.arm, done.probe).max())
         fit = done.fit
         found.append(

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calib_solver.results import ParameterEstimate, estimates_of
+from calib_solver.fitting import ParameterEstimate
 from studies import chapter, faro
 from studies.running import columns, findings, paragraph, study
 
@@ -35,7 +35,7 @@ PROBE = ('', 'X_Probe (mm)', 'Y_Probe (mm)', 'Z_Probe (mm)')
 def table(seed: int) -> list[str]:
     """The lines of the study."""
     done = faro.identified('passive', seed)
-    found = {estimate.parameter.name: estimate for estimate in estimates_of(done)}
+    found = {estimate.parameter.name: estimate for estimate in done.estimates}
     quality = done.identified
     return [
         *faro.origin(('passive',), seed),

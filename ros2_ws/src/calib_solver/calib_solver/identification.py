@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from calib_model.arrays import Array
 from calib_model.errors import DataError
@@ -23,7 +24,6 @@ from calib_solver.error_models import (
 from calib_solver.faults import (
     Rejected,
     beyond_certificate,
-    clean,
     named_numbers,
     named_scale,
     named_sphere,
@@ -32,24 +32,30 @@ from calib_solver.faults import (
     refuse_other_units,
     set_apart,
     stuck_stretches,
+    without_gross_errors,
 )
 from calib_solver.fitting import (
     LEADING,
     LOSSES,
     Accumulate,
     CrossValidation,
+    Descent,
     Fit,
     Observability,
     Options,
+    ParameterEstimate,
     ProbeFit,
     Solver,
     Uncertainty,
+    Workspace,
     estimate_uncertainty,
+    estimates_of,
     objective,
     observe,
+    over_workspace,
     try_probe_fit,
 )
-from calib_solver.problem import Problem, accumulate
+from calib_solver.problem import Problem, SphereSums, accumulate
 from calib_solver.quality import Quality, assess
 
 
@@ -84,6 +90,18 @@ class Identification:
     choice_12: CorrectionChoice | None = None
     corrected: Quality | None = None
 
+    @cached_property
+    def estimates(self) -> tuple[ParameterEstimate, ...]:
+        """What is said of every parameter in use, in the table's order."""
+        return estimates_of(
+            self.table, self.full, self.observability, self.uncertainty, self.options.prior
+        )
+
+    @cached_property
+    def workspace(self) -> Workspace:
+        """Postures all over the workspace, and how the probed point goes with the parameters."""
+        return over_workspace(self.problem, self.table, self.full)
+
     @property
     def model(self) -> Correction | None:
         """The joint errors identified together with `arm` and `probe`: part of the fit."""
@@ -95,6 +113,30 @@ class Identification:
         """All that is corrected beyond the D-H parameters: `model`, and eq. 12 if accepted."""
         chosen = self.choice_12.correction if self.choice_12 is not None else None
         return chosen if chosen is not None else self.model
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """Poses to solve for, without the `rejected`, where to start, and what there is to say."""
+
+    problem: Problem
+    descent: Descent
+    rejected: tuple[Rejected, ...]
+    mount: ProbeFit | None
+    warnings: tuple[str, ...]
+    stuck_throughout: bool
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """The fit and the sums there, by which solver, and what was chosen for it."""
+
+    solver: Solver
+    fit: Fit
+    sums: SphereSums
+    least_noise: float
+    cross_validation: CrossValidation | None
+    joint_errors: JointErrorChoice | None
 
 
 def identify(
@@ -111,110 +153,140 @@ def identify(
         FitError: the fit is worse than its start.
     """
     begun = time.perf_counter()
-    options = options or Options()
+    options = _checked(options or Options())
+    table = identifiable_table(measured.arm, measured.probe, options.fix, options.free)
+    solver = Solver(table, options, passes)
+    prepared = _prepared(measured, solver)
+    solved = _solved(prepared, solver)
+    done = _judged(prepared, solved)
+    done = replace(done, warnings=_warnings(measured, table, prepared, solved, done))
+    if options.correction != 'off':
+        done = _corrected(done)
+    return replace(done, seconds=time.perf_counter() - begun)
+
+
+def _checked(options: Options) -> Options:
+    """The options, if there are such."""
     checked_choice(options.correction)
     checked_kinds(options.joint_errors, options.links)
     if options.loss not in LOSSES:
         raise DataError(f'no loss {options.loss!r}: expected one of {", ".join(LOSSES)}')
+    return options
+
+
+def _prepared(measured: Measurement, solver: Solver) -> _Prepared:
+    """Gross errors left out where the loss is to reject them, and the descent led to the rest.
+
+    Eq. 11 looks at distances and poses alike: whatever the objective, it judges the poses.
+    """
     problem = Problem.of(measured)
-    table = identifiable_table(measured.arm, measured.probe, options.fix, options.free)
-    geometry = table
-    solver = Solver(table, options, passes)
     solver.refuse_too_little(problem)
+    refuse_other_units(problem, assess(problem, measured.arm, measured.probe).spheres.center)
     stretches = stuck_stretches(measured)
     stuck_throughout = bool(stretches) and not set_apart(problem, stretches).any()
-    refuse_other_units(problem, assess(problem, measured.arm, measured.probe).spheres.center)
-    probe_fit, warnings = try_probe_fit(problem)
-    # eq. 11 looks at distances and poses alike: it judges the poses and leads the others there
-    alone = options.objective == LEADING
-    leader = solver if alone else Solver(table, replace(options, objective=LEADING), passes)
-    leader.start_from(problem, probe_fit)
+    mount, warnings = try_probe_fit(problem)
+    leader = replace(solver, options=replace(solver.options, objective=LEADING))
+    descent = leader.start(problem, mount)
     rejected: tuple[Rejected, ...] = ()
-    if options.loss == 'rejecting':
-        cleaned = clean(problem, leader.arm_and_probe)
-        problem, rejected = cleaned.problem, cleaned.rejected
+    if solver.options.loss == 'rejecting':
+        cleaned = without_gross_errors(problem, stretches, leader, descent)
+        problem, descent, rejected = cleaned.problem, cleaned.descent, cleaned.rejected
         warnings = cleaned.warnings + warnings
         solver.refuse_too_little(problem)
     else:
         warnings = tuple(one.line(len(measured.poses)) for one in stretches) + warnings
-    if not alone:
-        solver.follow(leader, problem)
-    chosen = solver.choose_prior(problem)
-    options = solver.options
-    fit = solver.solve(problem)
+    if solver.options.objective != LEADING:
+        descent = solver.behind(leader, problem, descent)
+    return _Prepared(problem, descent, rejected, mount, warnings, stuck_throughout)
+
+
+def _solved(prepared: _Prepared, solver: Solver) -> _Solved:
+    """The minimum, with the prior and the joint errors that were left to be chosen."""
+    problem = prepared.problem
+    solver, descent, chosen = solver.with_chosen_prior(problem, prepared.descent)
+    fit, descent = solver.solve(problem, descent)
     errors: JointErrorChoice | None = None
-    if options.joint_errors:
-        errors = choose_joint_errors(
-            problem,
-            table,
-            fit.x,
-            options.objective,
-            options.joint_errors,
-            options.links,
-            options.prior,
-            fit.kappa,
-            passes,
-        )
+    if solver.options.joint_errors:
+        errors = choose_joint_errors(problem, solver, fit)
         if errors.accepted:
-            table = table_with(table, problem, errors.accepted, options.links)
-            wider = Solver(table, options, passes)
-            wider.go_on_from(solver)
-            solver, fit = wider, wider.solve(problem)
-    fit = solver.account(problem, fit)
-    solver.refuse_worse(problem, fit)
+            table = table_with(solver.table, problem, errors.accepted, solver.options.links)
+            solver, descent = solver.widened(table, descent)
+            fit, descent = solver.solve(problem, descent)
+    fit = solver.whole(problem, fit, descent)
+    sums = solver.sums(problem, fit.x)
+    return _Solved(solver, fit, sums, descent.least_noise, chosen, errors)
+
+
+def _judged(prepared: _Prepared, solved: _Solved) -> Identification:
+    """The parameters with all that is said of them, but for the warnings of the result itself."""
+    problem, solver, fit = prepared.problem, solved.solver, solved.fit
+    table, options, measured = solver.table, solver.options, prepared.problem.measured
     full = solver.full(fit.x)
     arm, probe = table.apply(full, measured.arm, measured.probe)
-    sums = passes(problem, table, full)
     observability = observe(table, fit, solver.scale)
     uncertainty = estimate_uncertainty(
         problem,
         options.objective,
-        sums,
+        solved.sums,
         fit.quadratic,
         fit.kappa,
         solver.information,
         options.prior.strength,
     )
-    joint_errors = table.joint_errors(full)
-    model = Correction(arm.joint_names, joint_errors) if joint_errors is not None else None
-    initial = assess(problem, measured.arm, measured.probe)
-    identified = assess(problem, arm, probe, model)
-    sigma = options.prior.sigmas(table)
-    poses_lie_apart = pose_warnings(
-        measured, problem, geometry, arm, probe, identified, options, rejected, stuck_throughout
+    errors = table.joint_errors(full)
+    model = Correction(arm.joint_names, errors) if errors is not None else None
+    return Identification(
+        problem=problem,
+        options=options,
+        table=table,
+        full=full,
+        arm=arm,
+        probe=probe,
+        fit=_with_weakest(fit, observability),
+        observability=observability,
+        uncertainty=uncertainty,
+        probe_fit=prepared.mount,
+        initial=assess(problem, measured.arm, measured.probe),
+        identified=assess(problem, arm, probe, model),
+        rejected=prepared.rejected,
+        seconds=0.0,
+        warnings=prepared.warnings,
+        cross_validation=solved.cross_validation,
+        least_noise=solved.least_noise,
+        joint_error_choice=solved.joint_errors,
     )
-    held = fit.kappa * solver.information
-    other_distances = () if poses_lie_apart else beyond_certificate(identified.distance)
-    warnings = poses_lie_apart + warnings
-    warnings += named_numbers(problem, initial.spheres.center) or (
-        (named_sphere(problem, sums, held, uncertainty.misfit) or other_distances)
-        + named_scale(table, full, sigma)
-        + parameter_warnings(table, full, sigma, uncertainty.standard)
-    )
-    done = Identification(
-        problem,
-        options,
-        table,
-        full,
-        arm,
-        probe,
-        _with_weakest(fit, observability),
-        observability,
-        uncertainty,
-        probe_fit,
-        initial,
-        identified,
-        rejected,
-        time.perf_counter() - begun,
-        warnings,
-        chosen,
-        solver.least_noise,
-        errors,
-    )
-    return done if options.correction == 'off' else _corrected(done, begun)
 
 
-def _corrected(done: Identification, begun: float) -> Identification:
+def _warnings(
+    measured: Measurement,
+    table: ParameterTable,
+    prepared: _Prepared,
+    solved: _Solved,
+    done: Identification,
+) -> tuple[str, ...]:
+    """What to doubt first: the poses, what was said before, the distances, the parameters.
+
+    Mix-ups are looked for over the `table` without joint errors, among all that was `measured`.
+    """
+    of_poses: tuple[str, ...] = ()
+    # eq. 13 does not look at the poses and leaves them scattered: that is no sign of anything
+    if done.options.objective != 'distance' and not prepared.stuck_throughout:
+        plain = Solver(table, Options(), accumulate)
+        of_poses = pose_warnings(
+            measured, done.problem, plain, done.arm, done.probe, done.identified, done.rejected
+        )
+    solver = solved.solver
+    held = done.fit.kappa * solver.information
+    other_distances = () if of_poses else beyond_certificate(done.identified.distance)
+    of_result = named_numbers(done.problem, done.initial.spheres.center) or (
+        (named_sphere(done.problem, solved.sums, held, done.uncertainty.misfit) or other_distances)
+        + named_scale(done.table, done.full, solver.scale)
+        + parameter_warnings(done.table, done.full, solver.scale, done.uncertainty.standard)
+    )
+    return of_poses + prepared.warnings + of_result
+
+
+def _corrected(done: Identification) -> Identification:
     """The same with the correction of eq. 12 tried on what it leaves."""
     forced = done.options.correction == 'harmonic'
     kappa = done.fit.kappa
@@ -226,8 +298,7 @@ def _corrected(done: Identification, begun: float) -> Identification:
     choice = fit_correction(done.problem, done.table, done.full, kappa, forced)
     found = choice.correction
     better = assess(done.problem, done.arm, done.probe, found) if found is not None else None
-    seconds = time.perf_counter() - begun
-    return replace(done, choice_12=choice, corrected=better, seconds=seconds)
+    return replace(done, choice_12=choice, corrected=better)
 
 
 def _with_weakest(fit: Fit, observability: Observability) -> Fit:

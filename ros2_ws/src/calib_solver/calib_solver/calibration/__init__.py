@@ -10,6 +10,8 @@ if TYPE_CHECKING:
         Calibration as Calibration,
         Effort as Effort,
         calibrate as calibrate,
+    )
+    from calib_solver.calibration.corrected_urdf import (
         with_urdf as with_urdf,
     )
     from calib_solver.calibration.duplicate_poses import (

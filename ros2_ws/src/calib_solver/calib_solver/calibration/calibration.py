@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Measurements and results from the paths that a command line or a service request names."""
+"""A calibration from bags to files: identified, judged on what was held out, written."""
 
 from __future__ import annotations
 
@@ -12,13 +12,10 @@ import numpy as np
 from calib_model.descriptions import (
     read_links,
 )
-from calib_model.errors import DataError
 from calib_model.measurement import Measurement
 from calib_model.progress import Progress
-from calib_model.urdf import read_urdf
 from calib_solver.calibration.duplicate_poses import duplicate_lines, noise_lines, seen_lines
-from calib_solver.calibration.sources import Loaded, Sources, _cut, load_all
-from calib_solver.compensation import write_corrected_urdf
+from calib_solver.calibration.sources import Loaded, Sources, cut_lines, load_all
 from calib_solver.fitting import Options
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification, identify
@@ -100,7 +97,11 @@ def calibrate(
     if sources.links:
         options = replace(options, links=read_links(sources.links, loaded.measured.arm))
     loaded, done, resampled = _identified(loaded, options, effort)
-    first = (*_cut((*sources.bags, *test)), *duplicate_lines(loaded.duplicates), *noise_lines(done))
+    first = (
+        *cut_lines((*sources.bags, *test)),
+        *duplicate_lines(loaded.duplicates),
+        *noise_lines(done),
+    )
     done = replace(done, warnings=(*first, *done.warnings))
     held_out, notes = None, loaded.lines
     if unseen is not None:
@@ -115,23 +116,6 @@ def calibrate(
         report = report_html(done, record, _inputs(sources, test), held_out)
         written = write_results(output, done, record, report)
     return Calibration(done, held_out, record, tuple(written), notes)
-
-
-def with_urdf(urdf: str, output: str, calibrated: Callable[[], Calibration]) -> Calibration:
-    """A calibration, and the user's own file `urdf` with corrected joint origins in `output`.
-
-    Raises:
-        CalibrationError: the file cannot be read or corrected, or there is nowhere to write it.
-    """
-    if not urdf:
-        return calibrated()
-    if not output:
-        raise DataError('a corrected URDF is written beside the results: name a folder for them')
-    own = read_urdf(urdf)
-    finished = calibrated()
-    measured = finished.done.problem.measured
-    path = write_corrected_urdf(output, own, measured.arm, finished.done.arm, urdf)
-    return replace(finished, written=(*finished.written, path))
 
 
 def _inputs(sources: Sources, test: Sequence[str]) -> Inputs:

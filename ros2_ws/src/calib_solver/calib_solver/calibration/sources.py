@@ -161,7 +161,7 @@ def _joined(parts: Sequence[Measurement]) -> tuple[Measurement, list[int]]:
     return Measurement(first.arm, first.probe, first.gauge, joined, source), shifts
 
 
-def _cut(bags: Sequence[str]) -> tuple[str, ...]:
+def cut_lines(bags: Sequence[str]) -> tuple[str, ...]:
     """A line for each file that ends before its end."""
     return tuple(
         f'{file}: cut short, what was whole is used; ros2 run calib_capture recover says how much '

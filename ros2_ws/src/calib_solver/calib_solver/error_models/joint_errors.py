@@ -3,12 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib_model.arrays import Array
 from calib_model.errors import DataError
 from calib_model.kinematics import (
     COMPLIANCE,
@@ -20,8 +18,8 @@ from calib_model.kinematics import (
     ParameterTable,
 )
 from calib_solver.error_models.validation_gain import FEWEST_LOCATIONS, Gain, LeaveOneOut
-from calib_solver.fitting import Prior
-from calib_solver.problem import IntArray, Problem, SphereSums
+from calib_solver.fitting import Fit, Solver
+from calib_solver.problem import IntArray, Problem
 
 #: a joint on which gravity's torque stays below this (N m) says nothing of its compliance
 LEAST_TORQUE = 1e-6
@@ -99,34 +97,24 @@ def table_with(
     return wider
 
 
-def choose_joint_errors(
-    problem: Problem,
-    table: ParameterTable,
-    x: Array,
-    name: str,
-    kinds: tuple[str, ...],
-    links: Links | None,
-    prior: Prior,
-    kappa: float,
-    passes: Callable[[Problem, ParameterTable, Array], SphereSums],
-) -> JointErrorChoice:
-    """Add the kinds one by one, the best first, while locations left out get better by it.
+def choose_joint_errors(problem: Problem, solver: Solver, fit: Fit) -> JointErrorChoice:
+    """Add the kinds that are offered one by one, the best first, while locations left out get
+    better by it.
 
-    `x` (F,) are the free parameters' offsets at the minimum of objective `name` without them and
-    `kappa` (m^2) the prior's weight there; D-H parameters and mount are fitted anew with each.
+    `fit` is the solver's minimum without them; D-H parameters and mount are fitted anew with each.
     """
+    kinds = solver.options.joint_errors
     count = len(problem.locations)
     if count < FEWEST_LOCATIONS:
         return JointErrorChoice(
             kinds, (), 0, f'{count} locations, expected {FEWEST_LOCATIONS} to judge them by'
         )
-    wider = table_with(table, problem, kinds, links)
-    full = wider.nominal.copy()
-    full[table.free_columns] += x
-    judge = LeaveOneOut(problem, passes(problem, wider, full), name, kappa)
-    information = prior.information(wider)
-    about = full[wider.free_columns] - wider.nominal[wider.free_columns]
-    columns = {kind: _columns(wider, kind) for kind in ('', *kinds)}
+    wider = replace(solver, table=table_with(solver.table, problem, kinds, solver.options.links))
+    full = wider.table.nominal.copy()
+    full[solver.table.free_columns] += fit.x
+    about, information = wider.offsets(full), wider.information
+    judge = LeaveOneOut(problem, wider.sums(problem, about), solver.options.objective, fit.kappa)
+    columns = {kind: _columns(wider.table, kind) for kind in ('', *kinds)}
     taken = columns['']
     scores = judge.scores(taken, information, about)
     tried: list[Tried] = []

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     )
     from calib_solver.faults.gross_errors import (
         Rejected as Rejected,
-        clean as clean,
+        without_gross_errors as without_gross_errors,
     )
     from calib_solver.faults.stuck_styli import (
         set_apart as set_apart,

@@ -8,7 +8,6 @@ stands out, until what is left out no longer changes.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +15,8 @@ from numpy.typing import NDArray
 
 from calib_model.arrays import Array
 from calib_model.instruments import Arm, Probe
-from calib_solver.faults.stuck_styli import Stretch, set_apart, stuck_stretches
+from calib_solver.faults.stuck_styli import Stretch, set_apart
+from calib_solver.fitting import Descent, Solver
 from calib_solver.problem import IntArray, Problem
 from calib_solver.quality import probed_points
 
@@ -42,7 +42,6 @@ FEWEST_DISTANCES = 6
 
 Moved = dict[tuple[int, int], int]
 Mask = NDArray[np.bool_]
-Solve = Callable[[Problem], tuple[Arm, Probe]]
 
 
 @dataclass(frozen=True)
@@ -58,28 +57,33 @@ class Rejected:
 
 @dataclass(frozen=True)
 class Cleaned:
-    """The problem without what does not belong, what was left out, and spheres that `moved`."""
+    """The problem without what does not belong, what was left out, spheres that `moved`, and how
+    far the fits that judged the poses have come."""
 
     problem: Problem
     rejected: tuple[Rejected, ...]
     moved: Moved
     warnings: tuple[str, ...]
+    descent: Descent
 
 
-def clean(problem: Problem, solve: Solve) -> Cleaned:
-    """Leave out gross errors; `solve` gives the best arm and probe for a problem.
+def without_gross_errors(
+    problem: Problem, stretches: tuple[Stretch, ...], solver: Solver, descent: Descent
+) -> Cleaned:
+    """Leave out gross errors, judged by the fits of a solver from `descent` on; `stretches` are
+    those in which a stylus stands still.
 
     A measurement in which nothing stands out comes back as it is after one solution.
     """
     measured = problem.measured
-    stretches = stuck_stretches(measured)
     stretch = set_apart(problem, stretches)
     kept: Mask = stretch == 0
     moved = _moved_spheres(problem, measured.arm, measured.probe, kept)
     current = _weighted(problem, moved, kept.astype(float))
     bent = not kept.all() or bool(moved)
     for round_number in range(ROUNDS):
-        arm, probe = solve(current)
+        _, descent = solver.solve(current, descent)
+        arm, probe = solver.arm_and_probe(current, descent)
         away, usual = _deviations(problem, arm, probe, kept, stretch == 0)
         now_kept = _without_stuck(away / np.maximum(usual, LEAST_SIZE / FAR), stretch)
         now_moved = _moved_spheres(problem, arm, probe, now_kept)
@@ -101,12 +105,12 @@ def clean(problem: Problem, solve: Solve) -> Cleaned:
             current = replace(current, pair_weight=_read_only(softened))
     stuck = _stuck_lines(stretches, stretch, kept)
     if kept.all() and not moved:
-        return Cleaned(problem, (), {}, stuck)
-    rejected = _accounts(problem, arm, probe, kept, away, stretch)
+        return Cleaned(problem, (), {}, stuck, descent)
+    rejected = _left_out(problem, arm, probe, kept, away, stretch)
     remaining = measured.poses.take(np.sort(problem.order[kept]))
     cleaned = Problem.of(replace(measured, poses=remaining), moved)
     lines = stuck + _warnings(rejected, moved, len(problem.joints))
-    return Cleaned(cleaned, rejected, moved, lines)
+    return Cleaned(cleaned, rejected, moved, lines, descent)
 
 
 def _soft(size: Array, usual: Array) -> Array:
@@ -231,7 +235,7 @@ def _split(bad: np.ndarray) -> list[list[int]]:
     return [[sphere for sphere in apart if sphere not in gone], *further]
 
 
-def _accounts(
+def _left_out(
     problem: Problem, arm: Arm, probe: Probe, kept: Mask, away: Array, stretch: IntArray
 ) -> tuple[Rejected, ...]:
     points = probed_points(problem, arm, probe)

@@ -18,12 +18,12 @@ import numpy as np
 from calib_model.arrays import Array
 from calib_model.errors import CalibrationError
 from calib_model.instruments import ActiveProbe
-from calib_model.kinematics import ParameterTable
 from calib_model.measurement import Measurement, ProbingSet
 from calib_solver.faults.encoder_jumps import large_jumps
 from calib_solver.faults.residual_projection import rough_spread
-from calib_solver.fitting import DEFAULT_PRIOR
+from calib_solver.fitting import Solver, try_probe_fit
 from calib_solver.problem import IntArray, Problem
+from calib_solver.quality import assess
 
 #: so many poses are enough to tell a mix-up
 POSES = 280
@@ -39,8 +39,6 @@ TRIED = 6
 FEWEST_TO_JUMP = 30
 DEGREES = 180 / np.pi
 
-#: a problem's usual distance (m) of a pose from its sphere's centre, when it is solved
-Spread = Callable[[Problem], float]
 Change = Callable[[ProbingSet], ProbingSet]
 
 
@@ -52,31 +50,31 @@ class Mixup:
     change: Change
 
 
-def named_mixups(
-    measured: Measurement, spread: float, table: ParameterTable, spread_of: Spread
-) -> tuple[str, ...]:
-    """A line for what would make the poses fit FACTOR times better than their `spread` (m)."""
+def named_mixups(measured: Measurement, spread: float, solver: Solver) -> tuple[str, ...]:
+    """A line for what would make the poses fit FACTOR times better than their `spread` (m).
+
+    The likeliest are solved for; the solver's prior keeps those that fit nothing from wandering.
+    """
     places = _places(len(measured.poses))
     few = replace(measured, poses=measured.poses.take(places))
-    simple = _likely(few, mixups(measured), spread, table, spread_of)
-    return simple or _likely(few, _jumps(few, table, places), spread, table, spread_of)
+    simple = _likely(few, mixups(measured), spread, solver)
+    return simple or _likely(few, _jumps(few, solver, places), spread, solver)
 
 
 def _likely(
-    few: Measurement, what: Iterable[Mixup], spread: float, table: ParameterTable, spread_of: Spread
+    few: Measurement, what: Iterable[Mixup], spread: float, solver: Solver
 ) -> tuple[str, ...]:
-    sigma = DEFAULT_PRIOR.sigmas(table)
     tried: list[tuple[float, str, Problem]] = []
     for mixup in what:
         try:
             problem = Problem.of(replace(few, poses=mixup.change(few.poses)))
         except CalibrationError:
             continue  # poses that fit no probe or no arm explain nothing
-        tried.append((rough_spread(problem, table, sigma), mixup.text, problem))
+        tried.append((rough_spread(problem, solver.table, solver.scale), mixup.text, problem))
     found: list[tuple[float, str]] = []
     for _, text, problem in sorted(tried, key=lambda one: one[0])[:TRIED]:
         try:
-            found.append((spread_of(problem), text))
+            found.append((_spread_of(problem, solver), text))
         except CalibrationError:
             continue  # nor do these
     best = min((size for size, _ in found), default=np.inf)
@@ -88,6 +86,13 @@ def _likely(
         f'({best * 1e3:.4f} mm instead of {spread * 1e3:.4f} mm from pose to pose): '
         'nothing was changed, this result is not to be used',
     )
+
+
+def _spread_of(problem: Problem, solver: Solver) -> float:
+    """The usual distance (m) of a pose from its sphere's centre, when the problem is solved."""
+    solver.refuse_too_little(problem)
+    _, descent = solver.solve(problem, solver.start(problem, try_probe_fit(problem)[0]))
+    return assess(problem, *solver.arm_and_probe(problem, descent)).spread
 
 
 def beyond_belief(spread: float) -> tuple[str, ...]:
@@ -154,11 +159,11 @@ def _changed(column: str, change: Callable[[Array], None]) -> Change:
     return changed
 
 
-def _jumps(few: Measurement, table: ParameterTable, places: IntArray) -> Iterator[Mixup]:
+def _jumps(few: Measurement, solver: Solver, places: IntArray) -> Iterator[Mixup]:
     """Encoders that may have jumped; `places` (N,) are those of `few` in the whole measurement."""
     if len(few.poses) < FEWEST_TO_JUMP:
         return
-    for jump in large_jumps(few, table, DEFAULT_PRIOR.sigmas(table)):
+    for jump in large_jumps(few, solver.table, solver.scale):
         name = few.arm.joint_names[jump.joint]
         yield Mixup(f'joint {name} put right where it {jump.text(places)}', jump.removed)
 

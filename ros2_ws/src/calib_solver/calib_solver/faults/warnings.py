@@ -14,8 +14,8 @@ from calib_model.measurement import Measurement
 from calib_solver.faults.fault_signatures import named_signatures
 from calib_solver.faults.gross_errors import SLIPPED, Rejected
 from calib_solver.faults.mixups import beyond_belief, named_mixups
-from calib_solver.fitting import Options, Solver, try_probe_fit
-from calib_solver.problem import Problem, accumulate
+from calib_solver.fitting import Solver
+from calib_solver.problem import Problem
 from calib_solver.quality import Quality, assess
 
 #: a pose's usual distance from its sphere's centre (m) below which nothing is mixed up
@@ -32,49 +32,29 @@ NAMED = 3
 def pose_warnings(
     measured: Measurement,
     problem: Problem,
-    table: ParameterTable,
+    solver: Solver,
     arm: Arm,
     probe: Probe,
     quality: Quality,
-    options: Options,
     rejected: Sequence[Rejected],
-    known: bool,
 ) -> tuple[str, ...]:
     """Lines on what the residuals look like: something mixed up, or a fault's shadow.
 
     `measured` is all that was measured, `problem` what is left of it without the `rejected`, and
-    `quality` its own; with `known`, what is wrong has been told already. Eq. 13 does not look at
-    the poses and leaves them scattered: that is no sign of anything.
+    `quality` its own; `solver` solves for what may have been mixed up.
     """
-    if known or options.objective == 'distance':
-        return ()
-    spread = _spread(quality)
     slipped = sum(one.reason == SLIPPED for one in rejected)
     mixed_up: tuple[str, ...] = ()
-    if spread > SMALL or slipped > LEFT_OUT * len(measured.poses):
-        of_all = _spread(assess(Problem.of(measured), arm, probe)) if rejected else spread
-        mixed_up = _mixed_up(measured, of_all, table)
+    if quality.spread > SMALL or slipped > LEFT_OUT * len(measured.poses):
+        of_all = assess(Problem.of(measured), arm, probe) if rejected else quality
+        mixed_up = named_mixups(measured, of_all.spread, solver)
     out = [one.pose - 1 for one in rejected]
     pose_of = np.setdiff1d(np.arange(len(measured.poses)), out)
     return (
-        mixed_up or named_signatures(problem, table, arm, probe, pose_of) or beyond_belief(spread)
+        mixed_up
+        or named_signatures(problem, solver.table, arm, probe, pose_of)
+        or beyond_belief(quality.spread)
     )
-
-
-def _mixed_up(measured: Measurement, spread: float, table: ParameterTable) -> tuple[str, ...]:
-    def spread_of(changed: Problem) -> float:
-        # the prior keeps hypotheses that fit nothing from wandering for long
-        solver = Solver(table, Options(), accumulate)
-        solver.refuse_too_little(changed)
-        solver.start_from(changed, try_probe_fit(changed)[0])
-        return _spread(assess(changed, *solver.arm_and_probe(changed)))
-
-    return named_mixups(measured, spread, table, spread_of)
-
-
-def _spread(quality: Quality) -> float:
-    """The usual distance of a pose from its sphere's centre, m: the rms."""
-    return float(np.sqrt((quality.deviation**2).sum(axis=1).mean()))
 
 
 def parameter_warnings(

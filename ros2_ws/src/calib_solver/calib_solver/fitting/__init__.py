@@ -32,6 +32,11 @@ if TYPE_CHECKING:
         LOSSES as LOSSES,
         Options as Options,
     )
+    from calib_solver.fitting.parameter_estimates import (
+        ParameterEstimate as ParameterEstimate,
+        estimates_of as estimates_of,
+        quantity as quantity,
+    )
     from calib_solver.fitting.prior import (
         CANDIDATES as CANDIDATES,
         DEFAULT_PRIOR as DEFAULT_PRIOR,
@@ -46,12 +51,18 @@ if TYPE_CHECKING:
     )
     from calib_solver.fitting.solver import (
         Accumulate as Accumulate,
+        Descent as Descent,
         Solver as Solver,
         try_probe_fit as try_probe_fit,
     )
     from calib_solver.fitting.uncertainty import (
         Uncertainty as Uncertainty,
         estimate_uncertainty as estimate_uncertainty,
+    )
+    from calib_solver.fitting.workspace import (
+        Workspace as Workspace,
+        over_workspace as over_workspace,
+        workspace_at as workspace_at,
     )
 else:
     __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -20,30 +21,69 @@ from calib_solver.fitting.probe_mount import ProbeFit, fit_probe
 from calib_solver.fitting.uncertainty import pose_variance
 from calib_solver.problem import Problem, SphereSums
 
-#: one pass over the poses, as `sums.accumulate` does it here, or others on other machines
+#: one pass over the poses, as `sphere_sums.accumulate` does it here, or others on other machines
 Accumulate = Callable[[Problem, ParameterTable, Array], SphereSums]
 
 
-class Solver:
-    """One table, prior and objective, for as many problems as it takes."""
+@dataclass(frozen=True)
+class Descent:
+    """How far a solution has come: `x` (F,) about nominal, where the next one starts, and the work
+    it took; `least_noise` (m^2) is what a residual's mean square is held to be at least."""
 
-    def __init__(self, table: ParameterTable, options: Options, passes: Accumulate) -> None:
-        self.table = table
-        self.passes = passes
-        self.options = options
-        self.objective: Objective = objective(options.objective)
-        self.nominal = table.nominal[table.free_columns]
-        self.scale = options.prior.sigmas(table)
-        self.information = options.prior.information(table)
-        self.start: Array = np.zeros(len(self.nominal))
-        self.least_noise = 0.0
-        self.history: tuple[float, ...] = ()
-        self.iterations = 0
-        self.evaluations = 0
+    x: Array
+    least_noise: float = 0.0
+    iterations: int = 0
+    evaluations: int = 0
+    history: tuple[float, ...] = ()
+
+    def after(self, fit: Fit) -> Descent:
+        """With one more fit behind it."""
+        return replace(
+            self,
+            x=fit.x,
+            iterations=self.iterations + fit.iterations,
+            evaluations=self.evaluations + fit.evaluations,
+            history=self.history + fit.history[1:],
+        )
+
+
+@dataclass(frozen=True)
+class Solver:
+    """What is minimised over which parameters: a table, an objective with its prior, and how the
+    poses are passed over. It holds no state: where a solution has come to is a `Descent`."""
+
+    table: ParameterTable
+    options: Options
+    passes: Accumulate
+
+    @cached_property
+    def objective(self) -> Objective:
+        """The objective of the options."""
+        return objective(self.options.objective)
+
+    @cached_property
+    def nominal(self) -> Array:
+        """The nominal values of the free parameters, (F,)."""
+        return self.table.nominal[self.table.free_columns]
+
+    @cached_property
+    def scale(self) -> Array:
+        """By how much each free parameter is usually off, (F,)."""
+        return self.options.prior.sigmas(self.table)
+
+    @cached_property
+    def information(self) -> Array:
+        """What the prior knows of each free parameter, (F,)."""
+        return self.options.prior.information(self.table)
 
     def full(self, x: Array) -> Array:
         """All columns from offsets of the free ones."""
         return self.table.full(self.nominal + x)
+
+    def offsets(self, full: Array) -> Array:
+        """Offsets of the free columns from all of them."""
+        x: Array = full[self.table.free_columns] - self.nominal
+        return x
 
     def sums(self, problem: Problem, x: Array) -> SphereSums:
         """The sums at offsets x."""
@@ -53,92 +93,93 @@ class Solver:
         """The objective at offsets x."""
         return self.objective(problem, self.sums(problem, x))
 
-    def solve(self, problem: Problem) -> Fit:
-        """The minimum, started from where the last one was found."""
+    def start(self, problem: Problem, mount: ProbeFit | None) -> Descent:
+        """The nominal parameters, with the mount of eq. 15 where that fits better."""
+        nominal: Array = np.zeros(len(self.nominal))
+        if mount is None:
+            return Descent(nominal)
+        full = self.table.nominal.copy()
+        at = mount.flange_T_probe
+        full[self.table.mount] = [*at.translation, *at.rotation_vector]
+        fitted = self.offsets(full)
+        better = self.value(problem, fitted).phi < self.value(problem, nominal).phi
+        return Descent(fitted if better else nominal)
+
+    def solve(self, problem: Problem, descent: Descent) -> tuple[Fit, Descent]:
+        """The minimum for a problem, from where the descent has come to."""
         fit = minimise(
             lambda x: self.value(problem, x),
-            self.start,
+            descent.x,
             self.scale,
             self.information,
-            self.least_noise,
+            descent.least_noise,
         )
-        self.start = fit.x
-        self.iterations += fit.iterations
-        self.evaluations += fit.evaluations
-        self.history += fit.history[1:]
-        return fit
+        return fit, descent.after(fit)
 
-    def follow(self, leader: Solver, problem: Problem) -> None:
-        """Start from another objective's minimum; eq. 13 takes the poses' noise from there.
+    def arm_and_probe(self, problem: Problem, descent: Descent) -> tuple[Arm, Probe]:
+        """The arm and probe that a descent has come to."""
+        return self.table.apply(self.full(descent.x), problem.measured.arm, problem.measured.probe)
+
+    def behind(self, leader: Solver, problem: Problem, descent: Descent) -> Descent:
+        """A start at another objective's minimum; eq. 13 takes the poses' noise from there.
 
         Distances alone are often fewer than the parameters: fitted to nothing, they would say
         that there is no noise, and the prior would lose all its weight.
         """
-        self.start = leader.solve(problem).x
-        self.iterations, self.evaluations = leader.iterations, leader.evaluations
-        if self.options.objective == 'distance' and len(problem.pairs):
-            sums = self.sums(problem, self.start)
-            each = (1 / np.maximum(sums.count, 1))[problem.pairs].sum(axis=1)
-            self.least_noise = pose_variance(sums) * float(each.mean())
+        _, led = leader.solve(problem, descent)
+        start = replace(led, history=())
+        if self.options.objective != 'distance' or not len(problem.pairs):
+            return start
+        sums = self.sums(problem, start.x)
+        each = (1 / np.maximum(sums.count, 1))[problem.pairs].sum(axis=1)
+        return replace(start, least_noise=pose_variance(sums) * float(each.mean()))
 
-    def go_on_from(self, narrower: Solver) -> None:
-        """Start from where a table without the joint errors of this one ended."""
-        full = self.table.nominal.copy()
-        full[narrower.table.free_columns] += narrower.start
-        self.start = full[self.table.free_columns] - self.nominal
-        self.iterations, self.evaluations = narrower.iterations, narrower.evaluations
-        self.least_noise = narrower.least_noise
+    def widened(self, table: ParameterTable, descent: Descent) -> tuple[Solver, Descent]:
+        """The same with a table of more columns, and the descent as a start for it."""
+        wider = replace(self, table=table)
+        full = table.nominal.copy()
+        full[self.table.free_columns] += descent.x
+        return wider, replace(descent, x=wider.offsets(full), history=())
 
-    def account(self, problem: Problem, fit: Fit) -> Fit:
-        """The last fit with the work of all of them, from the nominal parameters on."""
-        nominal = self.value(problem, np.zeros(len(fit.x)))
-        return replace(
-            fit,
-            phi_initial=nominal.phi,
-            iterations=self.iterations,
-            evaluations=self.evaluations,
-            history=(nominal.phi, *self.history),
-        )
-
-    def choose_prior(self, problem: Problem) -> CrossValidation | None:
-        """Settle the prior's strength where that is left to cross-validation."""
+    def with_chosen_prior(
+        self, problem: Problem, descent: Descent
+    ) -> tuple[Solver, Descent, CrossValidation | None]:
+        """The prior's strength settled, where that is left to cross-validation."""
         prior, name = self.options.prior, self.options.objective
         if not prior.candidates:
-            return None
-        start = self.solve(problem).x
-        chosen = choose_strength(problem, self.table, name, prior, start, self.least_noise)
+            return self, descent, None
+        fit, descent = self.solve(problem, descent)
+        chosen = choose_strength(problem, self.table, name, prior, fit.x, descent.least_noise)
         prior = replace(prior, strength=chosen.chosen, candidates=())
-        self.options = replace(self.options, prior=prior)
-        self.information = prior.information(self.table)
-        return chosen
+        return replace(self, options=replace(self.options, prior=prior)), descent, chosen
 
-    def arm_and_probe(self, problem: Problem) -> tuple[Arm, Probe]:
-        """The best arm and probe for a problem."""
-        full = self.full(self.solve(problem).x)
-        return self.table.apply(full, problem.measured.arm, problem.measured.probe)
+    def whole(self, problem: Problem, fit: Fit, descent: Descent) -> Fit:
+        """The last fit with the work of all of them, from the nominal parameters on.
 
-    def start_from(self, problem: Problem, probe_fit: ProbeFit | None) -> None:
-        """Start from nominal, or with the mount of eq. 15 where that fits better."""
-        if probe_fit is None:
-            return
-        full = self.table.nominal.copy()
-        mount = probe_fit.flange_T_probe
-        full[self.table.mount] = [*mount.translation, *mount.rotation_vector]
-        fitted = full[self.table.free_columns] - self.nominal
-        if self.value(problem, fitted).phi < self.value(problem, self.start).phi:
-            self.start = fitted
-
-    def refuse_worse(self, problem: Problem, fit: Fit) -> None:
-        """Raise where the fit has a higher objective than the nominal parameters."""
-        rounding = fit.quadratic.terms * ROUNDING**2
-        if not fit.quadratic.phi <= fit.phi_initial * (1 + 1e-9) + rounding:
+        Raises:
+            FitError: it has a higher objective than the nominal parameters.
+        """
+        nominal = self.value(problem, np.zeros(len(fit.x))).phi
+        if not fit.quadratic.phi <= nominal * (1 + 1e-9) + fit.quadratic.terms * ROUNDING**2:
             raise FitError(
                 f'{problem.measured.source}: the fit is worse than the nominal parameters '
-                f'(phi {fit.quadratic.phi:.3g} against {fit.phi_initial:.3g} m^2): {fit.reason}'
+                f'(phi {fit.quadratic.phi:.3g} against {nominal:.3g} m^2): {fit.reason}'
             )
+        return replace(
+            fit,
+            phi_initial=nominal,
+            iterations=descent.iterations,
+            evaluations=descent.evaluations,
+            history=(nominal, *descent.history),
+        )
 
     def refuse_too_little(self, problem: Problem) -> None:
-        """Raise where the poses cannot carry the objective at all."""
+        """Nothing, where the poses can carry the objective at all.
+
+        Raises:
+            DataError: the objective has no terms, or the nominal parameters give no points.
+            RankError: fewer residuals than parameters, and no prior.
+        """
         quadratic = self.value(problem, np.zeros(len(self.nominal)))
         source, free = problem.measured.source, len(self.nominal)
         if quadratic.terms == 0:

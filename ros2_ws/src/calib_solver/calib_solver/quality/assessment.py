@@ -41,6 +41,11 @@ class Quality:
     position: Array
 
     @property
+    def spread(self) -> float:
+        """The usual distance of a pose from its sphere's centre, m: the rms."""
+        return float(np.sqrt((self.deviation**2).sum(axis=1).mean()))
+
+    @property
     def phi(self) -> float:
         """Eq. 11 as the chapter counts it, m^2."""
         known = self.spheres.two_sigma[np.isfinite(self.spheres.two_sigma)]

@@ -10,16 +10,19 @@ from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
 from calib_solver.quality import Quality
 from calib_solver.report.charts import Chart, Note, Series
-from calib_solver.results import WorkspaceUncertainty, over_workspace
 
 LEVELS = 5
 
 
 def workspace_charts(done: Identification, held_out: HeldOut | None) -> list[Chart]:
     """The gauge from above and from the side, and the uncertainty of a position over the reach."""
-    sure = over_workspace(done)
+    size = done.workspace.uncertainty(done.uncertainty.covariance) * 1e6
     views = ((0, 1, 'from above'), (0, 2, 'from the side'))
-    return [*(_view(done, held_out, *view) for view in views), _map(sure), _distribution(sure)]
+    return [
+        *(_view(done, held_out, *view) for view in views),
+        _map(done.workspace.points, size),
+        _distribution(size),
+    ]
 
 
 def _view(
@@ -61,16 +64,15 @@ def _number(number: int, points: Array, size: float) -> Note:
     return Note(float(x), float(y), str(number))
 
 
-def _map(sure: WorkspaceUncertainty) -> Chart:
-    """Postures drawn over the joints' ranges, in classes of equally many."""
-    radius = np.hypot(sure.points[:, 0], sure.points[:, 1])
-    size = sure.position * 1e6
+def _map(points: Array, size: Array) -> Chart:
+    """Postures drawn over the joints' ranges, in classes of equally many by `size` (K,), um."""
+    radius = np.hypot(points[:, 0], points[:, 1])
     ends = np.quantile(size, np.linspace(0, 1, LEVELS + 1))
     level = np.clip(np.searchsorted(ends, size, side='right') - 1, 0, LEVELS - 1)
     series = tuple(
         Series(
             radius[level == k],
-            sure.points[level == k, 2],
+            points[level == k, 2],
             f'level{k + 1}',
             f'{ends[k]:.3g} to {ends[k + 1]:.3g} µm',
         )
@@ -89,8 +91,8 @@ def _map(sure: WorkspaceUncertainty) -> Chart:
     )
 
 
-def _distribution(sure: WorkspaceUncertainty) -> Chart:
-    size = np.sort(sure.position) * 1e6
+def _distribution(size: Array) -> Chart:
+    size = np.sort(size)
     share = 100 * np.arange(1, len(size) + 1) / len(size)
     return Chart(
         'uncertainty_share',

@@ -12,10 +12,6 @@ if TYPE_CHECKING:
         transform_record as transform_record,
         write_results as write_results,
     )
-    from calib_solver.results.parameter_estimates import (
-        ParameterEstimate as ParameterEstimate,
-        estimates_of as estimates_of,
-    )
     from calib_solver.results.quality import (
         Record as Record,
         quality_record as quality_record,
@@ -23,11 +19,6 @@ if TYPE_CHECKING:
     )
     from calib_solver.results.resampling import (
         resampling_lines as resampling_lines,
-    )
-    from calib_solver.results.workspace import (
-        WorkspaceUncertainty as WorkspaceUncertainty,
-        over_workspace as over_workspace,
-        position_uncertainty as position_uncertainty,
     )
 else:
     __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from calib_model.kinematics import KINDS
 from calib_solver.error_models import Gain
+from calib_solver.fitting import ParameterEstimate
 from calib_solver.identification import Identification
 from calib_solver.quality import Quality
-from calib_solver.results.parameter_estimates import ParameterEstimate, estimates_of
 from calib_solver.results.quality import Record, quality_record
 
 
@@ -40,7 +40,7 @@ def joint_errors_record(done: Identification) -> Record | None:
             for one in choice.tried
         ],
         'parameters': [
-            estimate_record(one) for one in estimates_of(done) if one.parameter.kind in KINDS
+            estimate_record(one) for one in done.estimates if one.parameter.kind in KINDS
         ],
     }
 

@@ -9,12 +9,11 @@ import numpy as np
 
 from calib_model.arrays import Array
 from calib_solver.identification import Identification
-from calib_solver.results.workspace import over_workspace
 
 
 def diagnostics_record(done: Identification) -> dict[str, Any]:
     """What `result.json` says under `diagnostics`, SI."""
-    sure = over_workspace(done).position
+    sure = done.workspace.uncertainty(done.uncertainty.covariance)
     deviation = done.identified.deviation
     return {
         'rank': done.observability.rank,

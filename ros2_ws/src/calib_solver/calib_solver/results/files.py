@@ -18,7 +18,6 @@ from calib_solver.identification import Identification
 from calib_solver.resampling import Resampled
 from calib_solver.results.corrections import correction_record, estimate_record, joint_errors_record
 from calib_solver.results.diagnostics import diagnostics_record
-from calib_solver.results.parameter_estimates import estimates_of
 from calib_solver.results.quality import Record, quality_record, sphere_records
 from calib_solver.results.resampling import resampling_record
 
@@ -66,7 +65,7 @@ def parameter_records(done: Identification) -> list[Record]:
     """Every D-H and probe parameter of the table that is in use, in its order."""
     return [
         estimate_record(estimate)
-        for estimate in estimates_of(done)
+        for estimate in done.estimates
         if estimate.parameter.kind not in KINDS
     ]
 

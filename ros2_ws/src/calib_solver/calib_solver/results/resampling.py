@@ -8,9 +8,7 @@ import numpy as np
 from calib_model.arrays import Array
 from calib_solver.identification import Identification
 from calib_solver.resampling import Repeated, Resampled
-from calib_solver.results.parameter_estimates import estimates_of
 from calib_solver.results.quality import Record
-from calib_solver.results.workspace import over_workspace
 
 METHODS = ('monte_carlo', 'bootstrap')
 
@@ -22,7 +20,7 @@ def resampling_record(done: Identification, resampled: Resampled) -> Record:
     `standard_uncertainty` is.
     """
     found = {method: getattr(resampled, method) for method in METHODS}
-    free = [estimate for estimate in estimates_of(done) if estimate.parameter.free]
+    free = [estimate for estimate in done.estimates if estimate.parameter.free]
     parameters = []
     for i, estimate in enumerate(free):
         sizes = {method: _size(repeated, i) for method, repeated in found.items()}
@@ -52,7 +50,7 @@ def _method_record(done: Identification, repeated: Repeated | None) -> Record | 
         'repetitions': len(repeated.deviation),
         'converged': repeated.converged,
         'seconds': repeated.seconds,
-        'position_uncertainty_rms': _rms(over_workspace(done, repeated.covariance).position),
+        'position_uncertainty_rms': _rms(done.workspace.uncertainty(repeated.covariance)),
         'ratio_to_analytic': _ratio(done, repeated),
     }
 
@@ -61,7 +59,7 @@ def _ratio(done: Identification, repeated: Repeated) -> float | None:
     """The median over the identifiable parameters of the method's uncertainty to the stated."""
     stated = [
         estimate.standard_uncertainty if estimate.identifiable else None
-        for estimate in estimates_of(done)
+        for estimate in done.estimates
         if estimate.parameter.free
     ]
     ratios = [size / said for size, said in zip(repeated.standard, stated, strict=True) if said]

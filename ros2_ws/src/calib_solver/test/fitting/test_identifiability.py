@@ -23,7 +23,6 @@ from calib_model.kinematics import ParameterTable, identifiable_table
 from calib_solver.fitting.options import Options
 from calib_solver.identification import identify
 from calib_solver.problem import Problem, point_jacobian
-from calib_solver.results import estimates_of
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -210,7 +209,7 @@ def test_a_freed_parameter_that_nothing_shows_is_not_called_identifiable(name, w
     """In noisy data a turn of the base turns the residuals, and looks seen to the numbers."""
     scene = request.getfixturevalue(which)
     done = identify(scene.measured, Options(free=(name,)))
-    told = {estimate.parameter.name: estimate for estimate in estimates_of(done)}
+    told = {estimate.parameter.name: estimate for estimate in done.estimates}
     assert told[name].parameter.free
     assert not told[name].identifiable
     assert told[name].standard_uncertainty is None

@@ -13,7 +13,6 @@ from calib_solver.fitting.objectives import OBJECTIVES
 from calib_solver.fitting.options import Options
 from calib_solver.fitting.prior import DEFAULT_PRIOR, NO_PRIOR
 from calib_solver.identification import identify
-from calib_solver.results import estimates_of
 
 pytestmark = pytest.mark.timeout(60)
 
@@ -34,9 +33,7 @@ def scene(request):
 def test_the_truth_is_found_again_or_the_result_says_that_it_is_not(scene, objective):
     done = identify(scene.measured, Options(objective))
     right = scene.prediction_error(done.arm, done.probe) < RIGHT
-    unseen = [
-        a.parameter.name for a in estimates_of(done) if a.parameter.free and not a.identifiable
-    ]
+    unseen = [a.parameter.name for a in done.estimates if a.parameter.free and not a.identifiable]
     if objective != 'distance':
         assert right, done.fit.reason
         assert done.fit.converged
@@ -67,9 +64,7 @@ def test_a_ball_next_to_the_last_axis_leaves_that_axis_unsure_and_says_so():
     assert unsure.any()
     held = identify(measured)
     assert held.fit.converged
-    unseen = {
-        a.parameter.name for a in estimates_of(held) if a.parameter.free and not a.identifiable
-    }
+    unseen = {a.parameter.name for a in held.estimates if a.parameter.free and not a.identifiable}
     assert unseen
     assert unseen <= hidden
 

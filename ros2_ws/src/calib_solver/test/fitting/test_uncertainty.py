@@ -15,7 +15,6 @@ from calib_solver.fitting.objectives import OBJECTIVES
 from calib_solver.fitting.options import Options
 from calib_solver.fitting.uncertainty import certificate_covariance
 from calib_solver.identification import Identification, identify
-from calib_solver.results import over_workspace
 
 pytestmark = pytest.mark.timeout(90)
 
@@ -143,6 +142,6 @@ def test_the_certificates_covariance_gives_its_uncertainty_to_every_distance_alo
 
 def test_positions_over_the_workspace_carry_the_stated_uncertainty():
     done = identify(simulate(iiwa(), active(), 952, locations=4, poses=20, noise=5e-5).measured)
-    sure = over_workspace(done)
-    assert np.isfinite(sure.position).all()
-    assert 0 < np.median(sure.position) < 1e-3
+    sure = done.workspace.uncertainty(done.uncertainty.covariance)
+    assert np.isfinite(sure).all()
+    assert 0 < np.median(sure) < 1e-3

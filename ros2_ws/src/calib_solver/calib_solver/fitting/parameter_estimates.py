@@ -5,8 +5,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from calib_model.kinematics import Parameter
-from calib_solver.identification import Identification
+from calib_model.arrays import Array
+from calib_model.kinematics import Parameter, ParameterTable
+from calib_solver.fitting.observability import Observability
+from calib_solver.fitting.prior import Prior
+from calib_solver.fitting.uncertainty import Uncertainty
 
 #: a parameter whose uncertainty stays above this part of the prior's sigma was not told
 TOLD = 0.7
@@ -23,32 +26,39 @@ class ParameterEstimate:
     reason: str
 
 
-def estimates_of(done: Identification) -> list[ParameterEstimate]:
-    """Every parameter in use, in the table's order."""
-    free = {parameter.name: i for i, parameter in enumerate(done.table.free)}
+def estimates_of(
+    table: ParameterTable,
+    full: Array,
+    observability: Observability,
+    uncertainty: Uncertainty,
+    prior: Prior,
+) -> tuple[ParameterEstimate, ...]:
+    """Every parameter in use, in the table's order; `full` (C,) are the identified columns."""
+    row_of = {parameter.name: i for i, parameter in enumerate(table.free)}
     found = []
-    for parameter, value in zip(done.table.parameters, done.full, strict=True):
-        if parameter.name in free:
-            found.append(_free(done, parameter, float(value), free[parameter.name]))
+    for parameter, value in zip(table.parameters, full.tolist(), strict=True):
+        row = row_of.get(parameter.name)
+        if row is not None:
+            unseen = parameter.reason or observability.reason[row]
+            standard = float(uncertainty.standard[row])
+            found.append(_free(parameter, value, unseen, standard, prior))
         elif parameter.kind != 'beta' or parameter.nominal != 0.0:
-            found.append(ParameterEstimate(parameter, float(value), None, False, parameter.reason))
-    return found
+            found.append(ParameterEstimate(parameter, value, None, False, parameter.reason))
+    return tuple(found)
 
 
 def _free(
-    done: Identification, parameter: Parameter, value: float, index: int
+    parameter: Parameter, value: float, unseen: str, uncertainty: float, prior: Prior
 ) -> ParameterEstimate:
-    unseen = parameter.reason or done.observability.reason[index]
     if unseen:
         return ParameterEstimate(parameter, value, None, False, unseen)
-    uncertainty = float(done.uncertainty.standard[index])
-    before = done.options.prior.sigma[parameter.kind]
     size = quantity(uncertainty, parameter.unit)
-    if done.options.prior.strength > 0 and uncertainty > TOLD * before:
+    before = prior.sigma[parameter.kind]
+    if prior.strength > 0 and uncertainty > TOLD * before:
         reason = f'the poses tell it hardly better ({size}) than the prior did'
         return ParameterEstimate(parameter, value, uncertainty, False, reason)
     reason = f'told by the poses to {size}'
-    if done.options.prior.strength > 0 and uncertainty > 0:
+    if prior.strength > 0 and uncertainty > 0:
         times = before / uncertainty
         shown = f'{times:,.0f}' if times >= 100 else f'{times:.3g}'
         reason += f', {shown} times better than by the prior'

@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How positions predicted by the identified arm go with the parameters, over its workspace."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib_model.arrays import Array
+from calib_model.kinematics import ParameterTable
+from calib_model.measurement import ProbingSet
+from calib_solver.problem import Problem, point_jacobian
+
+POSTURES = 500
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """The probed point at postures `joints` (K, n), rad: `points` (K, 3), m, in the arm's base
+    frame, and `jacobian` (K, 3, F) by the free parameters. The base frame is where d1 and
+    theta_0_1 are held, so it carries no uncertainty of its own."""
+
+    joints: Array
+    points: Array
+    jacobian: Array
+
+    def covariance(self, of_parameters: Array) -> Array:
+        """Covariance (K, 3, 3), m^2, of the points, from that of the free parameters (F, F)."""
+        of_points: Array = self.jacobian @ of_parameters @ np.swapaxes(self.jacobian, 1, 2)
+        return of_points
+
+    def uncertainty(self, of_parameters: Array) -> Array:
+        """Standard uncertainty (K,), m, of the points: root sum of squares of the coordinates."""
+        variance = np.trace(self.covariance(of_parameters), axis1=1, axis2=2)
+        return np.sqrt(np.maximum(variance, 0.0))
+
+
+def workspace_at(problem: Problem, table: ParameterTable, full: Array, joints: Array) -> Workspace:
+    """The workspace at postures (K, n), rad, with all columns `full` (C,) of the table."""
+    count = len(joints)
+    measured = problem.measured
+    sphere = measured.gauge.numbers[0]
+    middle = np.median(measured.poses.displacement, axis=0)
+    poses = ProbingSet.of([1] * count, [sphere] * count, joints, np.tile(middle, (count, 1)))
+    there = Problem.of(type(measured)(measured.arm, measured.probe, measured.gauge, poses))
+    points, jacobian = point_jacobian(there, table, full, np.arange(count))
+    return Workspace(joints, points, jacobian[:, :, table.free_columns])
+
+
+def over_workspace(
+    problem: Problem, table: ParameterTable, full: Array, seed: int = 0
+) -> Workspace:
+    """At postures drawn evenly between the joint limits, half a turn either way where none are."""
+    arm = problem.measured.arm
+    limits = np.clip(arm.limits, -np.pi, np.pi)
+    generator = np.random.default_rng(seed)
+    joints = generator.uniform(limits[:, 0], limits[:, 1], (POSTURES, arm.n))
+    return workspace_at(problem, table, full, joints)
