@@ -42,7 +42,7 @@ soak: lint
 	@rm -f output/soak.json
 	@source ./env.bash && export SOAK=1 FAULT_ROUNDS=15 CAPTURE_KILLS=20 CAPTURE_KILLS_SEED=1 && \
 	python -m pytest tests/test_load.py tests/test_faults_*.py \
-	  ros2_ws/src/calib_capture/test/test_resume.py
+	  ros2_ws/src/calib_capture/test/recording/test_resume.py
 
 bench: setup
 	@source ./env.bash && python -m benchmarks.run

@@ -43,7 +43,7 @@ ELSEWHERE = {
     r'colcon build|rosdep ': ('every set-up builds', 'test_setup.py'),
     r'(python3? -m )?pip install|git clone': ('every set-up installs', 'test_setup.py'),
     r'python -m studies\.': ('takes minutes', 'test_studies.py'),
-    r'dask ': ('a cluster', '../ros2_ws/src/calib_solver/test/test_cluster.py'),
+    r'dask ': ('a cluster', '../ros2_ws/src/calib_solver/test/resampling/test_cluster.py'),
 }
 #: run to its end elsewhere; here make says what it would do
 DRY = {

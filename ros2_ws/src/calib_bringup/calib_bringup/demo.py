@@ -137,7 +137,7 @@ class Demo:
                 'evaluate': [held_out],
             }
             running = [
-                Child(name, f'calib_solver.{name}', given, self._env, self._log(name))
+                Child(name, f'calib_solver.commands.{name}', given, self._env, self._log(name))
                 for name, given in work.items()
             ]
             for child in running:

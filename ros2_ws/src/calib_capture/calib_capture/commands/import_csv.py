@@ -8,11 +8,9 @@ import tempfile
 from pathlib import Path
 
 from calib_capture.commands.pose_table import read_table
-from calib_model.bags import write_measurement
+from calib_model import bags, descriptions, files
 from calib_model.command_line import CommandParser, run_command
-from calib_model.descriptions import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.errors import BagError
-from calib_model.files import refuse_taken
 from calib_model.measurement import Measurement, group_by_sphere
 from calib_model.progress import Progress
 
@@ -40,17 +38,17 @@ def import_csv(
         DataError: readings that fit no sphere of the gauge.
         BagError: there is something at `out` already, or it cannot be written.
     """
-    refuse_taken(out)
-    arm = read_description(arm_file, parse_arm)
-    probe = read_description(probe_file, parse_probe)
-    gauge = read_description(gauge_file, parse_gauge)
+    files.refuse_taken(out)
+    arm = descriptions.read_description(arm_file, descriptions.parse_arm)
+    probe = descriptions.read_description(probe_file, descriptions.parse_probe)
+    gauge = descriptions.read_description(gauge_file, descriptions.parse_gauge)
     poses = read_table(table, arm, probe, gauge)
     measured = Measurement(arm, probe, gauge, poses, str(table)).checked()
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         # made beside its place and moved there, so that a failure leaves nothing behind
         with tempfile.TemporaryDirectory(prefix='.import_csv-', dir=out.parent) as part:
-            write_measurement(Path(part) / out.name, measured, Progress(sys.stderr))
+            bags.write_measurement(Path(part) / out.name, measured, Progress(sys.stderr))
             (Path(part) / out.name).rename(out)
     except OSError as error:
         raise BagError(f'{out}: cannot be written: {error.strerror}') from error

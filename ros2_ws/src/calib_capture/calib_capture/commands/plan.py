@@ -9,17 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from calib_capture import motion, program
 from calib_capture.default_files import FILES, configured
-from calib_capture.motion import BodySettings, parse_bodies
-from calib_capture.program import Planner, Program, ProgramSettings, program_text
+from calib_model import descriptions
 from calib_model.command_line import CommandParser, number_from, run_command, whole_from
-from calib_model.descriptions import (
-    parse_arm,
-    parse_gauge,
-    parse_placements,
-    parse_probe,
-    read_description,
-)
 from calib_model.progress import Progress
 
 MOST_POSES, MOST_POOL = 100_000, 1000
@@ -47,24 +40,28 @@ def main() -> int:
 
 def _plan() -> None:
     given = _parser().parse_args()
-    for line in program_text(planned(given)):
+    for line in program.program_text(planned(given)):
         print(line)
 
 
-def planned(given: argparse.Namespace) -> Program:
+def planned(given: argparse.Namespace) -> program.Program:
     """The program of the command's arguments.
 
     Raises:
         DescriptionError: a file cannot be used.
         ProgramError: there is no such program; says which spheres are out of reach.
     """
-    arm = configured('arm', given.arm, parse_arm)
-    probe = configured('probe', given.probe, parse_probe)
-    gauge = configured('gauge', given.gauge, parse_gauge)
-    placements = configured('placements', given.placements, parse_placements)
-    bodies = read_description(given.bodies, parse_bodies) if given.bodies else BodySettings()
-    default = ProgramSettings()
-    settings = ProgramSettings(
+    arm = configured('arm', given.arm, descriptions.parse_arm)
+    probe = configured('probe', given.probe, descriptions.parse_probe)
+    gauge = configured('gauge', given.gauge, descriptions.parse_gauge)
+    placements = configured('placements', given.placements, descriptions.parse_placements)
+    bodies = (
+        descriptions.read_description(given.bodies, motion.parse_bodies)
+        if given.bodies
+        else motion.BodySettings()
+    )
+    default = program.ProgramSettings()
+    settings = program.ProgramSettings(
         spheres=tuple(given.spheres or default.spheres),
         poses_per_sphere=given.poses,
         cap=np.radians(given.cap),
@@ -73,13 +70,13 @@ def planned(given: argparse.Namespace) -> Program:
         bodies=bodies,
         seed=given.seed,
     )
-    return Planner(arm, probe, gauge, settings).program(
+    return program.Planner(arm, probe, gauge, settings).program(
         placements, given.locations or (), Progress(sys.stderr)
     )
 
 
 def _parser() -> CommandParser:
-    default = ProgramSettings()
+    default = program.ProgramSettings()
     parser = CommandParser('plan', ABOUT, EXAMPLE)
     for name, (file, what) in FILES.items():
         text = f'{what} (default: {file} of calib_bringup)'

@@ -6,7 +6,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from calib_model.bags import recover
+from calib_model import bags
 from calib_model.command_line import CommandParser, run_command
 from calib_model.errors import printable
 from calib_model.progress import Progress
@@ -34,7 +34,7 @@ def _recover() -> int:
     parser.add_argument('bad', metavar='BAD', type=Path, help="a bag's folder or .mcap file")
     parser.add_argument('out', metavar='OUT', type=Path, help='folder to make')
     given = parser.parse_args()
-    found = recover(given.bad, given.out, Progress(sys.stderr))
+    found = bags.recover(given.bad, given.out, Progress(sys.stderr))
     for topic, count in sorted(found.counts.items()):
         print(f'{count:>9} {printable(topic)}')
     print(f'{given.out}: {found.messages} messages recovered, missing: {found.loss()}')

@@ -9,14 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from calib_model import descriptions, files, kinematics, urdf
 from calib_model.command_line import CommandParser, run_command
-from calib_model.descriptions import arm_yaml
 from calib_model.errors import CalibrationError, printable
-from calib_model.files import write_whole
 from calib_model.instruments import Arm
-from calib_model.kinematics import parallel_joints
 from calib_model.transforms import RigidTransform
-from calib_model.urdf import arm_from_urdf, read_urdf
 
 ABOUT = """\
 Write the Denavit-Hartenberg description of a serial arm from its URDF.
@@ -39,7 +36,7 @@ def summary(arm: Arm) -> str:
         angles = np.degrees([joint.alpha, joint.theta_0, joint.beta])
         row = (1e3 * joint.a, angles[0], 1e3 * joint.d, angles[1], angles[2])
         lines.append(f'{joint.name:20.20}' + ''.join(f'{value:10.3f}' for value in row))
-    for i in parallel_joints(arm):
+    for i in kinematics.parallel_joints(arm):
         lines.append(f'axes {i} and {i + 1} are parallel: beta{i} takes the place of d{i}')
     for key in ('base_T_dh', 'dh_T_flange'):
         if not getattr(arm, key).is_identity:
@@ -66,10 +63,12 @@ def run(argv: Sequence[str] | None = None) -> Arm:
     parser.add_argument('--flange', default='', metavar='LINK', help='default: the only tip')
     parser.add_argument('--name', default='', help="default: the robot's name in the URDF")
     given = parser.parse_args(argv)
-    arm = arm_from_urdf(read_urdf(given.urdf), given.base, given.flange, given.urdf, given.name)
+    arm = urdf.arm_from_urdf(
+        urdf.read_urdf(given.urdf), given.base, given.flange, given.urdf, given.name
+    )
     heading = f'# {arm.base_frame} to {arm.flange_frame} of {printable(Path(given.urdf).name)}\n'
     try:
-        write_whole(given.out, heading + arm_yaml(arm))
+        files.write_whole(given.out, heading + descriptions.arm_yaml(arm))
     except OSError as error:
         raise CalibrationError(f'{given.out}: cannot be written: {error.strerror}') from error
     return arm

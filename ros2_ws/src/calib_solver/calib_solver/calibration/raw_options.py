@@ -5,9 +5,8 @@ from __future__ import annotations
 
 from argparse import Namespace
 
+from calib_model import labelling, pairing
 from calib_model.command_line import CommandParser, UsageError, number_from
-from calib_model.labelling import RawSettings
-from calib_model.pairing import PAIRING, RawTopics
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
 
 MOTIONS = {'auto': None, 'standing': True, 'led': False}
@@ -59,7 +58,7 @@ def add_raw_arguments(parser: CommandParser) -> None:
     for name, text in SETTINGS.items():
         group.add_argument(
             f'--{name.replace("_", "-")}',
-            type=number_from(*PAIRING[name]),
+            type=number_from(*pairing.PAIRING[name]),
             metavar='X',
             help=f'{text} (as captured)',
         )
@@ -68,7 +67,7 @@ def add_raw_arguments(parser: CommandParser) -> None:
     )
 
 
-def raw_settings(given: Namespace) -> RawSettings:
+def raw_settings(given: Namespace) -> labelling.RawSettings:
     """What was chosen.
 
     Raises:
@@ -79,6 +78,6 @@ def raw_settings(given: Namespace) -> RawSettings:
     chosen = {name: getattr(given, name) for name in SETTINGS if getattr(given, name) is not None}
     if len(set(given.spheres)) < len(given.spheres):
         raise UsageError('--spheres: a number is there twice')
-    topics = RawTopics(given.joint_states, given.displacements, tuple(given.joints))
+    topics = pairing.RawTopics(given.joint_states, given.displacements, tuple(given.joints))
     settings = tuple(chosen.items())
-    return RawSettings(topics, tuple(given.spheres), settings, MOTIONS[given.motion])
+    return labelling.RawSettings(topics, tuple(given.spheres), settings, MOTIONS[given.motion])

@@ -7,10 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from calib_model.command_line import CommandParser, run_command
-from calib_solver.compensation import (
-    Finished,
-    compensate_file,
-)
+from calib_solver import compensation
 
 ABOUT = """\
 Turn targets into the joint commands that really get there, by the arm that identify found.
@@ -26,7 +23,7 @@ example:
 """
 
 
-def run(argv: Sequence[str] | None = None) -> Finished:
+def run(argv: Sequence[str] | None = None) -> compensation.Finished:
     """Parse a command line and compensate.
 
     Raises:
@@ -47,7 +44,9 @@ def run(argv: Sequence[str] | None = None) -> Finished:
         '--position-only', action='store_true', help='the tool may turn as it likes'
     )
     given = parser.parse_args(argv)
-    return compensate_file(given.result, given.table, given.output, given.tool, given.position_only)
+    return compensation.compensate_file(
+        given.result, given.table, given.output, given.tool, given.position_only
+    )
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -9,12 +9,7 @@ from collections.abc import Sequence
 
 from calib_model.command_line import CommandParser, run_command
 from calib_model.progress import Progress
-from calib_solver.calibration import (
-    Sources,
-    add_raw_arguments,
-    evaluation_record,
-    raw_settings,
-)
+from calib_solver import calibration
 
 ABOUT = """\
 Distance errors and 2 sigma of probing poses under given parameters; JSON on stdout, SI units."""
@@ -35,7 +30,7 @@ def arguments() -> CommandParser:
     parser.add_argument(
         '--correction', default='', metavar='YAML', help='with what identify found beyond D-H'
     )
-    add_raw_arguments(parser)
+    calibration.add_raw_arguments(parser)
     return parser
 
 
@@ -44,16 +39,18 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def work() -> None:
         given = arguments().parse_args(argv)
-        sources = Sources(
+        sources = calibration.Sources(
             tuple(given.bag),
             given.arm,
             given.probe,
             given.gauge,
-            raw=raw_settings(given),
+            raw=calibration.raw_settings(given),
             anew=given.raw,
         )
         # what is said goes beside the JSON
-        record = evaluation_record(sources, given.correction, Progress(sys.stderr, 'MB'))
+        record = calibration.evaluation_record(
+            sources, given.correction, Progress(sys.stderr, 'MB')
+        )
         print(json.dumps(record, indent=1, allow_nan=False))
 
     return run_command(work)

@@ -9,19 +9,7 @@ from dataclasses import replace
 
 from calib_model.command_line import CommandParser, UsageError, run_command
 from calib_model.progress import Progress
-from calib_solver.calibration import (
-    Calibration,
-    Effort,
-    Sources,
-    add_raw_arguments,
-    calibrate,
-    raw_settings,
-    summary_text,
-    with_urdf,
-)
-from calib_solver.error_models import chosen_kinds
-from calib_solver.fitting import OBJECTIVES, Options, chosen_prior
-from calib_solver.resampling import Plan
+from calib_solver import calibration, error_models, fitting, report, resampling
 
 ABOUT = """\
 Identify the Denavit-Hartenberg parameters of an arm, and where the probe sits on its flange,
@@ -51,7 +39,7 @@ def arguments() -> CommandParser:
         '--objective',
         default='distance_repeatability',
         metavar='NAME',
-        help=f'one of {", ".join(OBJECTIVES)} (default: %(default)s)',
+        help=f'one of {", ".join(fitting.OBJECTIVES)} (default: %(default)s)',
     )
     parser.add_argument(
         '--test',
@@ -156,11 +144,11 @@ def arguments() -> CommandParser:
         metavar='DIR',
         help="draw the report's figures there as PNG, and before_and_after.png",
     )
-    add_raw_arguments(parser)
+    calibration.add_raw_arguments(parser)
     return parser
 
 
-def run(argv: Sequence[str] | None = None) -> Calibration:
+def run(argv: Sequence[str] | None = None) -> calibration.Calibration:
     """Parse a command line and calibrate.
 
     Raises:
@@ -169,44 +157,48 @@ def run(argv: Sequence[str] | None = None) -> Calibration:
     given = arguments().parse_args(argv)
     if given.urdf and not given.output:
         raise UsageError('--urdf needs --output DIR, where robot.urdf is written')
-    options = Options(
+    options = fitting.Options(
         given.objective,
         tuple(given.fix),
         tuple(given.free),
-        chosen_prior(given.prior),
+        fitting.chosen_prior(given.prior),
         given.loss,
         given.correction,
-        chosen_kinds(given.joint_errors),
+        error_models.chosen_kinds(given.joint_errors),
     )
-    sources = Sources(
+    sources = calibration.Sources(
         tuple(given.bag),
         given.arm,
         given.probe,
         given.gauge,
         given.links,
-        raw_settings(given),
+        calibration.raw_settings(given),
         given.raw,
     )
     test = [bag for group in given.test for bag in group]
-    plan = Plan(given.monte_carlo, given.bootstrap, given.seed)
-    effort = Effort(
+    plan = resampling.Plan(given.monte_carlo, given.bootstrap, given.seed)
+    effort = calibration.Effort(
         plan, given.scheduler, Progress(sys.stderr, 'repetitions'), Progress(sys.stderr, 'MB')
     )
-    finished = with_urdf(
-        given.urdf, given.output, lambda: calibrate(sources, options, test, given.output, effort)
+    finished = calibration.with_urdf(
+        given.urdf,
+        given.output,
+        lambda: calibration.calibrate(sources, options, test, given.output, effort),
     )
     if given.figures:
-        # matplotlib takes longer to load than everything else together
-        from calib_solver.report import save_figures
-
-        drawn = save_figures(finished.done, given.figures, finished.held_out)
+        drawn = report.save_figures(finished.done, given.figures, finished.held_out)
         finished = replace(finished, written=(*finished.written, *drawn))
     return finished
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point: exit code 0, or 2 and one line on stderr."""
-    return run_command(lambda: print(summary_text(run(argv))))
+
+    def work() -> None:
+        finished = run(argv)
+        print(calibration.summary_text(finished))
+
+    return run_command(work)
 
 
 if __name__ == '__main__':

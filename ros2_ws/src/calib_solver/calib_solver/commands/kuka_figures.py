@@ -7,15 +7,9 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 
+from calib_model import descriptions
 from calib_model.command_line import CommandParser, run_command
-from calib_model.descriptions import parse_arm, read_description
-from calib_solver.compensation import (
-    ControllerFigures,
-    controller_figures,
-    counted_as,
-    figures_text,
-    read_calibrated,
-)
+from calib_solver import compensation
 
 ABOUT = """\
 Print what a calibration means in the controller's own figures: by how many degrees each axis really
@@ -30,7 +24,7 @@ example:
 """
 
 
-def run(argv: Sequence[str] | None = None) -> ControllerFigures:
+def run(argv: Sequence[str] | None = None) -> compensation.ControllerFigures:
     """Parse a command line and find the figures.
 
     Raises:
@@ -45,16 +39,18 @@ def run(argv: Sequence[str] | None = None) -> ControllerFigures:
         help="take the controller's side from this description, not the result's",
     )
     given = parser.parse_args(argv)
-    calibrated = read_calibrated(given.result)
+    calibrated = compensation.read_calibrated(given.result)
     if given.arm:
-        described = read_description(given.arm, parse_arm)
-        calibrated = replace(calibrated, identified=counted_as(calibrated.identified, described))
-    return controller_figures(calibrated)
+        described = descriptions.read_description(given.arm, descriptions.parse_arm)
+        calibrated = replace(
+            calibrated, identified=compensation.counted_as(calibrated.identified, described)
+        )
+    return compensation.controller_figures(calibrated)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point: exit code 0, or 2 and one line on stderr."""
-    return run_command(lambda: print(figures_text(run(argv))))
+    return run_command(lambda: print(compensation.figures_text(run(argv))))
 
 
 if __name__ == '__main__':

@@ -10,23 +10,12 @@ from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
-from calib_model.bags import write_measurement
+from calib_model import bags, files
 from calib_model.command_line import CommandParser, UsageError, run_command
 from calib_model.errors import BagError
-from calib_model.files import refuse_taken
 from calib_model.measurement import Measurement, group_by_sphere
 from calib_model.progress import Progress
-from selfcenter_probe.operator import (
-    FILES,
-    HandGuided,
-    HandMotion,
-    MotionSettings,
-    Scene,
-    guided,
-    probing_set,
-    read_scene,
-    write_raw,
-)
+from selfcenter_probe import operator
 
 ABOUT = """\
 Let a simulated operator lead a measuring arm by hand around the spheres of a ball bar, as the
@@ -88,14 +77,14 @@ def arguments() -> CommandParser:
         action='store_true',
         help='put joint states at 250 Hz and probe readings at 500 Hz into the bag, too',
     )
-    for name, (_, file, meaning) in FILES.items():
+    for name, (_, file, meaning) in operator.FILES.items():
         parser.add_argument(
             f'--{name}', metavar='YAML', type=Path, help=f'{meaning} (default: {Path(file).name})'
         )
     return parser
 
 
-def checked(given: Namespace, scene: Scene) -> MotionSettings:
+def checked(given: Namespace, scene: operator.Scene) -> operator.MotionSettings:
     """What the operator is asked for.
 
     Raises:
@@ -115,7 +104,7 @@ def checked(given: Namespace, scene: Scene) -> MotionSettings:
         raise UsageError(f'--speed: expected 0.01 to 10 rad/s, got {given.speed}')
     if given.seed < 0:
         raise UsageError(f'--seed: expected no negative number, got {given.seed}')
-    return MotionSettings(given.poses, given.speed, given.seed)
+    return operator.MotionSettings(given.poses, given.speed, given.seed)
 
 
 class _Told:
@@ -134,7 +123,9 @@ class _Told:
         self._progress.clear()
 
 
-def measure(scene: Scene, motion: HandMotion, hand: HandGuided) -> Measurement:
+def measure(
+    scene: operator.Scene, motion: operator.HandMotion, hand: operator.HandGuided
+) -> Measurement:
     """All poses of a motion, with progress.
 
     Raises:
@@ -147,10 +138,12 @@ def measure(scene: Scene, motion: HandMotion, hand: HandGuided) -> Measurement:
         taken.append((seating, hand.poses_of(number)))
         done += seating.poses
     told.end()
-    return Measurement(scene.arm, scene.probe, scene.gauge, probing_set(taken), 'hand').checked()
+    return Measurement(
+        scene.arm, scene.probe, scene.gauge, operator.probing_set(taken), 'hand'
+    ).checked()
 
 
-def write(out: Path, measured: Measurement, hand: HandGuided | None) -> None:
+def write(out: Path, measured: Measurement, hand: operator.HandGuided | None) -> None:
     """The bag, whole or not at all; with a `hand` its raw streams are in it, too.
 
     Raises:
@@ -161,10 +154,10 @@ def write(out: Path, measured: Measurement, hand: HandGuided | None) -> None:
         # made beside its place and moved there, so that a failure leaves nothing behind
         with tempfile.TemporaryDirectory(prefix='.hand_guided-', dir=out.parent) as part:
             if hand is None:
-                write_measurement(Path(part) / out.name, measured)
+                bags.write_measurement(Path(part) / out.name, measured)
             else:
                 told = _Told('seatings')
-                write_raw(Path(part) / out.name, measured, hand, told)
+                operator.write_raw(Path(part) / out.name, measured, hand, told)
                 told.end()
             (Path(part) / out.name).rename(out)
     except OSError as error:
@@ -183,23 +176,25 @@ def run(argv: Sequence[str] | None = None) -> None:
         CalibrationError: anything that keeps it from being done.
     """
     given = arguments().parse_args(argv)
-    refuse_taken(given.out)
-    scene = read_scene(given.probe, {name: getattr(given, name) for name in FILES})
+    files.refuse_taken(given.out)
+    scene = operator.read_scene(
+        given.probe, {name: getattr(given, name) for name in operator.FILES}
+    )
     settings = checked(given, scene)
     world = scene.world(given.seed)
     told = _Told('spheres')
     sides = {number: scene.placements[number] for number in given.locations}
-    motion = guided(world, sides, given.spheres, settings, told)
+    motion = operator.guided(world, sides, given.spheres, settings, told)
     told.end()
     for location, sphere in motion.absent:
         print(f'location {location}: sphere {sphere} is out of reach and left out')
-    hand = HandGuided(world, motion, given.seed)
+    hand = operator.HandGuided(world, motion, given.seed)
     measured = measure(scene, motion, hand)
     write(given.out, measured, hand if given.raw else None)
     _report(given.out, measured, motion)
 
 
-def _report(out: Path, measured: Measurement, motion: HandMotion) -> None:
+def _report(out: Path, measured: Measurement, motion: operator.HandMotion) -> None:
     poses = measured.poses
     spheres, _ = group_by_sphere(poses.location, poses.sphere)
     seconds = (motion.seatings[-1].end - motion.seatings[0].begin) / 1e9
