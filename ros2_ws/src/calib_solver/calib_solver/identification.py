@@ -120,6 +120,7 @@ class _Prepared:
     """Poses to solve for, without the `rejected`, where to start, and what there is to say."""
 
     problem: Problem
+    initial: Quality
     descent: Descent
     rejected: tuple[Rejected, ...]
     mount: ProbeFit | None
@@ -181,23 +182,29 @@ def _prepared(measured: Measurement, solver: Solver) -> _Prepared:
     """
     problem = Problem.of(measured)
     solver.refuse_too_little(problem)
-    refuse_other_units(problem, assess(problem, measured.arm, measured.probe).spheres.center)
+    initial = assess(problem, measured.arm, measured.probe)
+    refuse_other_units(problem, initial.spheres.center)
     stretches = stuck_stretches(measured)
     stuck_throughout = bool(stretches) and not set_apart(problem, stretches).any()
     mount, warnings = try_probe_fit(problem)
-    leader = replace(solver, options=replace(solver.options, objective=LEADING))
+    leader = solver
+    if solver.options.objective != LEADING:
+        leader = replace(solver, options=replace(solver.options, objective=LEADING))
     descent = leader.start(problem, mount)
     rejected: tuple[Rejected, ...] = ()
     if solver.options.loss == 'rejecting':
         cleaned = without_gross_errors(problem, stretches, leader, descent)
-        problem, descent, rejected = cleaned.problem, cleaned.descent, cleaned.rejected
+        descent, rejected = cleaned.descent, cleaned.rejected
         warnings = cleaned.warnings + warnings
-        solver.refuse_too_little(problem)
+        if cleaned.problem is not problem:
+            problem = cleaned.problem
+            solver.refuse_too_little(problem)
+            initial = assess(problem, measured.arm, measured.probe)
     else:
         warnings = tuple(one.line(len(measured.poses)) for one in stretches) + warnings
-    if solver.options.objective != LEADING:
+    if leader is not solver:
         descent = solver.behind(leader, problem, descent)
-    return _Prepared(problem, descent, rejected, mount, warnings, stuck_throughout)
+    return _Prepared(problem, initial, descent, rejected, mount, warnings, stuck_throughout)
 
 
 def _solved(prepared: _Prepared, solver: Solver) -> _Solved:
@@ -246,7 +253,7 @@ def _judged(prepared: _Prepared, solved: _Solved) -> Identification:
         observability=observability,
         uncertainty=uncertainty,
         probe_fit=prepared.mount,
-        initial=assess(problem, measured.arm, measured.probe),
+        initial=prepared.initial,
         identified=assess(problem, arm, probe, model),
         rejected=prepared.rejected,
         seconds=0.0,

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     )
     from calib_model.bags.measurement import (
         read_measurement as read_measurement,
+    )
+    from calib_model.bags.measurement_writer import (
         write_descriptions as write_descriptions,
         write_measurement as write_measurement,
     )

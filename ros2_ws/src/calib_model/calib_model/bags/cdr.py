@@ -5,14 +5,14 @@ from __future__ import annotations
 
 import struct
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rosbags.serde import SerdeError
-from rosbags.typesys import get_types_from_msg
-from rosbags.typesys.store import Typestore
 
 from calib_model.topics import DISPLACEMENTS, JOINT_STATE, PROBING_POSE, STRING
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
 
 SLACK = 64
 
@@ -51,7 +51,10 @@ uint32 readings
 
 @cache
 def typestore() -> Typestore:
-    """The types of `DEFINITIONS`."""
+    """The types of `DEFINITIONS`; rosbags takes long to load, and bags of poses do without it."""
+    from rosbags.typesys import get_types_from_msg
+    from rosbags.typesys.store import Typestore
+
     store = Typestore()
     for name, text in DEFINITIONS.items():
         store.register(get_types_from_msg(text, name))
@@ -61,7 +64,7 @@ def typestore() -> Typestore:
 @cache
 def _all_types() -> Typestore:
     """Every type of ROS 2 Jazzy too; they take a while to load."""
-    from rosbags.typesys import Stores, get_typestore
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
     for name in (DISPLACEMENTS, PROBING_POSE):
@@ -86,6 +89,32 @@ def type_hash(type_name: str) -> str:
     return _store_of(type_name).hash_rihs01(type_name)
 
 
+def _refuse_other_encodings(type_name: str, data: bytes) -> None:
+    if len(data) < 4 or data[0] != 0 or data[1] > 1:
+        raise ValueError(f'not a {type_name}: not plain CDR')
+
+
+def text_of(data: bytes) -> str:
+    """The text of a std_msgs/String, as `decode` reads it.
+
+    Raises:
+        ValueError: the bytes do not hold such a message.
+    """
+    _refuse_other_encodings(STRING, data)
+    if len(data) < 8:
+        raise ValueError(f'not a {STRING}: too short')
+    (size,) = struct.unpack_from('<I' if data[1] else '>I', data, 4)
+    end = 8 + size
+    if size < 1 or end > len(data):
+        raise ValueError(f'not a {STRING}: a text of {size} bytes in {len(data) - 8}')
+    if len(data) - end > SLACK:
+        raise ValueError(f'not a {STRING}: {len(data) - end} bytes too many')
+    try:
+        return data[8 : end - 1].decode()
+    except UnicodeDecodeError as error:
+        raise ValueError(f'not a {STRING}: {error}') from error
+
+
 def decode(type_name: str, data: bytes) -> Any:
     """A message from its CDR bytes.
 
@@ -96,8 +125,9 @@ def decode(type_name: str, data: bytes) -> Any:
     Raises:
         ValueError: the bytes do not hold such a message.
     """
-    if len(data) < 4 or data[0] != 0 or data[1] > 1:
-        raise ValueError(f'not a {type_name}: not plain CDR')
+    from rosbags.serde import SerdeError
+
+    _refuse_other_encodings(type_name, data)
     store = _store_of(type_name)
     definition = store.get_msgdef(type_name)
     read = definition.deserialize_cdr_le if data[1] else definition.deserialize_cdr_be

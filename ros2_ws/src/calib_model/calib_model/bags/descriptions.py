@@ -56,7 +56,7 @@ class BagDescriptions:
         if message.type != STRING:
             raise BagError(f'{self._path}: topic {name} has type {message.type}, not {STRING}')
         try:
-            text = str(cdr.decode(STRING, message.data).data)
+            text = cdr.text_of(message.data)
         except ValueError as error:
             raise BagError(f'{self._path}: {name}: {error}') from error
         texts = self._texts.setdefault(name, [])

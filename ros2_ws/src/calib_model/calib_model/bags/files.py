@@ -142,3 +142,9 @@ def open_unpacked(file: Path, packed: IO[bytes] | None = None) -> IO[bytes]:
         stream, read_across_frames=True
     )
     return unpacked
+
+
+def is_sqlite(file: Path) -> bool:
+    """Whether a file is an SQLite one, or the packing of one by name."""
+    packed = file.name.endswith('.db3.zstd') and begins_with(file, ZSTD)
+    return packed or begins_with(file, SQLITE)

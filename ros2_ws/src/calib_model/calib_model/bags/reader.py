@@ -17,8 +17,7 @@ from mcap.records import Channel, Chunk, Footer, Message, Metadata, Schema, Stat
 from mcap.stream_reader import StreamReader
 
 from calib_model.bags.decompression import LARGEST_RECORD, chunk_content, unpacked_zstd
-from calib_model.bags.files import ZSTD, bag_files, begins_with, open_unpacked
-from calib_model.bags.sqlite import is_sqlite, sqlite_rows
+from calib_model.bags.files import ZSTD, bag_files, begins_with, is_sqlite, open_unpacked
 from calib_model.errors import BagError
 
 # what a damaged file makes the reader and its decompressors raise; a wrong size asks for memory
@@ -80,16 +79,20 @@ def read_messages(
         found: Iterator[BagMessage]
         try:
             if is_sqlite(file):
-                found = (
-                    BagMessage(name, kind, time, time, data, qos)
-                    for name, kind, time, data, qos in sqlite_rows(file, topics)
-                )
+                found = _read_sqlite(file, topics)
             else:
                 found = _read_file(file, topics, cut_allowed, here)
             for message in found:
                 yield _unpacked(file, message) if message.data[:4] == ZSTD else message
         except OSError as error:
             raise BagError(f'{file}: cannot be read: {error.strerror}') from error
+
+
+def _read_sqlite(file: Path, topics: set[str] | None) -> Iterator[BagMessage]:
+    from calib_model.bags.sqlite import sqlite_rows  # most bags do without
+
+    for name, kind, time, data, qos in sqlite_rows(file, topics):
+        yield BagMessage(name, kind, time, time, data, qos)
 
 
 def _unpacked(file: Path, message: BagMessage) -> BagMessage:

@@ -23,10 +23,16 @@ from mcap.records import (
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from calib_model.bags.decompression import LARGEST_RECORD, chunk_content, unpacked_zstd
-from calib_model.bags.files import ZSTD, bag_files, files_in, open_unpacked, unlisted_files
+from calib_model.bags.files import (
+    ZSTD,
+    bag_files,
+    files_in,
+    is_sqlite,
+    open_unpacked,
+    unlisted_files,
+)
 from calib_model.bags.metadata import Definition, FileAccount, metadata_yaml
 from calib_model.bags.reader import DAMAGE
-from calib_model.bags.sqlite import is_sqlite
 from calib_model.bags.writer import BagWriter
 from calib_model.errors import BagError, DescriptionError
 from calib_model.files import load_plain, refuse_taken, write_whole

@@ -13,16 +13,10 @@ from pathlib import Path
 import zstandard
 
 from calib_model.bags.decompression import LARGEST_RECORD
-from calib_model.bags.files import SQLITE, ZSTD, begins_with, open_unpacked
+from calib_model.bags.files import ZSTD, begins_with, open_unpacked
 from calib_model.errors import BagError
 
 Row = tuple[str, str, int, bytes, str]  # topic, type, time in ns, data, offered QoS
-
-
-def is_sqlite(file: Path) -> bool:
-    """Whether a file is an SQLite one, or the packing of one by name."""
-    packed = file.name.endswith('.db3.zstd') and begins_with(file, ZSTD)
-    return packed or begins_with(file, SQLITE)
 
 
 def sqlite_rows(file: Path, topics: set[str] | None) -> Iterator[Row]:

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from calib_model.descriptions import (
-    read_links,
-)
+from calib_model.descriptions import read_links
 from calib_model.measurement import Measurement
 from calib_model.progress import Progress
+from calib_solver import report, resampling
 from calib_solver.calibration.duplicate_poses import duplicate_lines, noise_lines, seen_lines
 from calib_solver.calibration.sources import Loaded, Sources, cut_lines, load_all
 from calib_solver.fitting import Options
@@ -21,16 +20,6 @@ from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification, identify
 from calib_solver.problem import threads
 from calib_solver.quality import Quality
-from calib_solver.report import Inputs, report_html
-from calib_solver.resampling import (
-    Plan,
-    Resampled,
-    Spread,
-    connected,
-    in_processes,
-    refuse_plan,
-    resample,
-)
 from calib_solver.results import Record, result_record, write_results
 
 ROUNDS = 3  # identifications at most until the numbers of a raw bag's spheres stay the same
@@ -73,7 +62,7 @@ class Effort:
     how far the repetitions are, `reading` how far the reading of bags without poses is.
     """
 
-    plan: Plan = Plan()
+    plan: resampling.Plan = resampling.Plan()
     scheduler: str = ''
     progress: Progress | None = None
     reading: Progress | None = None
@@ -113,28 +102,28 @@ def calibrate(
     record = result_record(done, held_out, resampled)
     written: list[Path] = []
     if output:
-        report = report_html(done, record, _inputs(sources, test), held_out)
-        written = write_results(output, done, record, report)
+        page = report.report_html(done, record, _inputs(sources, test), held_out)
+        written = write_results(output, done, record, page)
     return Calibration(done, held_out, record, tuple(written), notes)
 
 
-def _inputs(sources: Sources, test: Sequence[str]) -> Inputs:
+def _inputs(sources: Sources, test: Sequence[str]) -> report.Inputs:
     """The files that the report names."""
     given = ('arm', 'probe', 'gauge', 'links')
     named = ((of, getattr(sources, of)) for of in given)
-    return Inputs(sources.bags, tuple(test), tuple((of, path) for of, path in named if path))
+    return report.Inputs(sources.bags, tuple(test), tuple((of, path) for of, path in named if path))
 
 
 def _identified(
     loaded: Loaded, options: Options, effort: Effort
-) -> tuple[Loaded, Identification, Resampled | None]:
+) -> tuple[Loaded, Identification, resampling.Resampled | None]:
     """The identification and its repetitions, on this machine or on a cluster."""
     plan, progress, measured = effort.plan, effort.progress, loaded.measured
-    refuse_plan(plan, len(np.unique(measured.poses.location)), measured.source)
+    resampling.refuse_plan(plan, len(np.unique(measured.poses.location)), measured.source)
     if not effort.scheduler:
         loaded, done = _numbered(loaded, lambda measured: identify(measured, options))
-        return loaded, done, _resampled(done, plan, in_processes(threads()), progress)
-    with connected(effort.scheduler) as cluster:
+        return loaded, done, _resampled(done, plan, resampling.in_processes(threads()), progress)
+    with resampling.connected(effort.scheduler) as cluster:
         loaded, done = _numbered(
             loaded, lambda measured: identify(measured, options, cluster.passes())
         )
@@ -159,6 +148,13 @@ def _numbered(
 
 
 def _resampled(
-    done: Identification, plan: Plan, spread: Spread, progress: Progress | None
-) -> Resampled | None:
-    return resample(done, plan, spread, progress) if plan != Plan(seed=plan.seed) else None
+    done: Identification,
+    plan: resampling.Plan,
+    spread: resampling.Spread,
+    progress: Progress | None,
+) -> resampling.Resampled | None:
+    return (
+        resampling.resample(done, plan, spread, progress)
+        if plan != resampling.Plan(seed=plan.seed)
+        else None
+    )

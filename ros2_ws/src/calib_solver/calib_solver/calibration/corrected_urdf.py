@@ -6,10 +6,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from calib_model import urdf as urdf_files
 from calib_model.errors import DataError
-from calib_model.urdf import read_urdf
+from calib_solver import compensation
 from calib_solver.calibration.calibration import Calibration
-from calib_solver.compensation import write_corrected_urdf
 
 
 def with_urdf(urdf: str, output: str, calibrated: Callable[[], Calibration]) -> Calibration:
@@ -22,8 +22,8 @@ def with_urdf(urdf: str, output: str, calibrated: Callable[[], Calibration]) -> 
         return calibrated()
     if not output:
         raise DataError('a corrected URDF is written beside the results: name a folder for them')
-    own = read_urdf(urdf)
+    own = urdf_files.read_urdf(urdf)
     finished = calibrated()
     measured = finished.done.problem.measured
-    path = write_corrected_urdf(output, own, measured.arm, finished.done.arm, urdf)
+    path = compensation.write_corrected_urdf(output, own, measured.arm, finished.done.arm, urdf)
     return replace(finished, written=(*finished.written, path))

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib_model.arrays import Array
-from calib_model.instruments import Arm, Probe
 from calib_solver.faults.stuck_styli import Stretch, set_apart
 from calib_solver.fitting import Descent, Solver
 from calib_solver.problem import IntArray, Problem
@@ -78,18 +77,20 @@ def without_gross_errors(
     measured = problem.measured
     stretch = set_apart(problem, stretches)
     kept: Mask = stretch == 0
-    moved = _moved_spheres(problem, measured.arm, measured.probe, kept)
+    moved = _moved_spheres(problem, probed_points(problem, measured.arm, measured.probe), kept)
     current = _weighted(problem, moved, kept.astype(float))
     bent = not kept.all() or bool(moved)
     for round_number in range(ROUNDS):
         _, descent = solver.solve(current, descent)
         arm, probe = solver.arm_and_probe(current, descent)
-        away, usual = _deviations(problem, arm, probe, kept, stretch == 0)
+        points = probed_points(problem, arm, probe)
+        there = points if not moved else probed_points(current, arm, probe)
+        away, usual = _deviations(problem, points, kept, stretch == 0)
         now_kept = _without_stuck(away / np.maximum(usual, LEAST_SIZE / FAR), stretch)
-        now_moved = _moved_spheres(problem, arm, probe, now_kept)
+        now_moved = _moved_spheres(problem, points, now_kept)
         settled = np.array_equal(now_kept, kept) and now_moved == moved
         kept, moved = now_kept, now_moved
-        error, allowed = _judged_distances(current, arm, probe, kept)
+        error, allowed = _judged_distances(current, there, kept)
         bent = bent or not kept.all() or bool((error > allowed).any())
         # at first by weight, so that nothing is lost to a fit that the bad ones have bent
         soft = bent and round_number < SOFT_ROUNDS
@@ -100,13 +101,14 @@ def without_gross_errors(
             weight *= _soft(away, usual)
         current = _weighted(problem, moved, weight)
         if soft:
-            error, allowed = _judged_distances(current, arm, probe, kept)
+            there = points if not moved else probed_points(current, arm, probe)
+            error, allowed = _judged_distances(current, there, kept)
             softened = _soft(error, np.maximum(np.median(error), allowed / FAR))
             current = replace(current, pair_weight=_read_only(softened))
     stuck = _stuck_lines(stretches, stretch, kept)
     if kept.all() and not moved:
         return Cleaned(problem, (), {}, stuck, descent)
-    rejected = _left_out(problem, arm, probe, kept, away, stretch)
+    rejected = _left_out(problem, points, kept, away, stretch)
     remaining = measured.poses.take(np.sort(problem.order[kept]))
     cleaned = Problem.of(replace(measured, poses=remaining), moved)
     lines = stuck + _warnings(rejected, moved, len(problem.joints))
@@ -149,6 +151,8 @@ def _read_only(weight: Array) -> Array:
 
 def _weighted(problem: Problem, moved: Moved, weight: Array) -> Problem:
     """The problem with spheres that `moved` apart and weights (N,) of the poses."""
+    if not moved and np.array_equal(weight, problem.weight):
+        return problem
     placed = Problem.of(problem.measured, moved) if moved else problem
     return replace(placed, weight=_read_only(weight))
 
@@ -163,15 +167,13 @@ def _centers(problem: Problem, points: Array, kept: Mask) -> Array:
     return centers
 
 
-def _deviations(
-    problem: Problem, arm: Arm, probe: Probe, kept: Mask, judging: Mask
-) -> tuple[Array, Array]:
-    """Each pose's distance from its sphere's centre and what is usual there, both (N,), m.
+def _deviations(problem: Problem, points: Array, kept: Mask, judging: Mask) -> tuple[Array, Array]:
+    """The distance of each pose's point (N, 3) from its sphere's centre and what is usual there,
+    both (N,), m.
 
     Usual is the median of the `judging` poses, of all or of the sphere's own where that is larger,
     within reason: postures differ in how far they carry the joints' errors.
     """
-    points = probed_points(problem, arm, probe)
     centers = np.repeat(_centers(problem, points, kept), problem.counts, axis=0)
     away = np.linalg.norm(points - centers, axis=1)
     several = np.repeat(problem.counts > 2, problem.counts) & judging
@@ -184,28 +186,28 @@ def _deviations(
     return away, usual
 
 
-def _distance_errors(problem: Problem, arm: Arm, probe: Probe, kept: Mask) -> Array:
-    centers = _centers(problem, probed_points(problem, arm, probe), kept)
+def _distance_errors(problem: Problem, points: Array, kept: Mask) -> Array:
+    centers = _centers(problem, points, kept)
     first, second = problem.pairs.T
     return np.linalg.norm(centers[first] - centers[second], axis=1) - problem.nominal
 
 
-def _judged_distances(problem: Problem, arm: Arm, probe: Probe, kept: Mask) -> tuple[Array, Array]:
+def _judged_distances(problem: Problem, points: Array, kept: Mask) -> tuple[Array, Array]:
     """The size of each distance error (M,) and what certificate and poses allow it, m."""
-    error = np.abs(_distance_errors(problem, arm, probe, kept))
+    error = np.abs(_distance_errors(problem, points, kept))
     gauge = problem.measured.gauge
     certificate = np.array([gauge.distance_uncertainty(length) for length in problem.nominal])
-    _, pose = _deviations(problem, arm, probe, kept, np.ones_like(kept))
+    _, pose = _deviations(problem, points, kept, np.ones_like(kept))
     of_center = pose[problem.start[:-1]] / np.sqrt(problem.counts)
     of_poses = np.linalg.norm(of_center[problem.pairs], axis=1)
     return error, FAR * (certificate + of_poses) + LEAST_SIZE
 
 
-def _moved_spheres(problem: Problem, arm: Arm, probe: Probe, kept: Mask) -> Moved:
+def _moved_spheres(problem: Problem, points: Array, kept: Mask) -> Moved:
     """Spheres whose distances to the others of their location do not hold, by new placement."""
     if len(problem.pairs) < FEWEST_DISTANCES:
         return {}
-    error, allowed = _judged_distances(problem, arm, probe, kept)
+    error, allowed = _judged_distances(problem, points, kept)
     bad = error > np.maximum(FAR_DISTANCE * np.median(error) + LEAST_SIZE, allowed)
     moved: Moved = {}
     for rows in problem.locations:
@@ -236,9 +238,8 @@ def _split(bad: np.ndarray) -> list[list[int]]:
 
 
 def _left_out(
-    problem: Problem, arm: Arm, probe: Probe, kept: Mask, away: Array, stretch: IntArray
+    problem: Problem, points: Array, kept: Mask, away: Array, stretch: IntArray
 ) -> tuple[Rejected, ...]:
-    points = probed_points(problem, arm, probe)
     centers = _centers(problem, points, kept)
     sphere_of = np.repeat(np.arange(len(problem.keys)), problem.counts)
     rejected = []

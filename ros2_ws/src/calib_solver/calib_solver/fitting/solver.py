@@ -21,6 +21,8 @@ from calib_solver.fitting.probe_mount import ProbeFit, fit_probe
 from calib_solver.fitting.uncertainty import pose_variance
 from calib_solver.problem import Problem, SphereSums
 
+#: sums that are kept: at the nominal parameters, and where the last fits began and ended
+KEPT = 4
 #: one pass over the poses, as `sphere_sums.accumulate` does it here, or others on other machines
 Accumulate = Callable[[Problem, ParameterTable, Array], SphereSums]
 
@@ -86,8 +88,18 @@ class Solver:
         return x
 
     def sums(self, problem: Problem, x: Array) -> SphereSums:
-        """The sums at offsets x."""
-        return self.passes(problem, self.table, self.full(x))
+        """The sums at offsets x; the latest few are kept, as fits begin where others ended."""
+        key = (id(problem), x.tobytes())
+        if key not in self._latest:
+            if len(self._latest) >= KEPT:
+                del self._latest[next(iter(self._latest))]
+            self._latest[key] = (problem, self.passes(problem, self.table, self.full(x)))
+        return self._latest[key][1]
+
+    @cached_property
+    def _latest(self) -> dict[tuple[int, bytes], tuple[Problem, SphereSums]]:
+        """Sums by problem and offsets; the problem is kept so that no other takes its id."""
+        return {}
 
     def value(self, problem: Problem, x: Array) -> Quadratic:
         """The objective at offsets x."""

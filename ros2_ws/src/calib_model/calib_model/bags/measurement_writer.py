@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A whole measurement written to a bag of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from calib_model.bags import cdr
+from calib_model.bags.writer import BagWriter
+from calib_model.descriptions import arm_yaml, gauge_yaml, probe_yaml
+from calib_model.instruments import Arm, Gauge, Probe
+from calib_model.measurement import Measurement
+from calib_model.progress import Progress, paced
+from calib_model.topics import CAPTURE_POSES, DESCRIPTIONS
+
+
+def write_descriptions(bag: BagWriter, arm: Arm, probe: Probe, gauge: Gauge, time: int) -> None:
+    """Put the three descriptions into a bag, as the latched topics give them (time in ns)."""
+    texts = (arm_yaml(arm), probe_yaml(probe), gauge_yaml(gauge))
+    for topic, text in zip(DESCRIPTIONS, texts, strict=True):
+        bag.write_message(topic, cdr.string(text), time)
+
+
+def write_measurement(
+    path: str | Path, measured: Measurement, progress: Progress | None = None
+) -> None:
+    """A measurement as a bag of its own; stamps become log times. `progress` hears how far it is.
+
+    Raises:
+        BagError: there is something at `path` already, or it cannot be written.
+    """
+    poses = measured.poses
+    with BagWriter(path, chunk_size=1 << 20) as bag:
+        start = int(poses.stamp[0]) if len(poses) else 0
+        write_descriptions(bag, measured.arm, measured.probe, measured.gauge, start)
+        for i in paced(range(len(poses)), progress, f'writing {path}', 'poses', 256):
+            stamp = int(poses.stamp[i])
+            pose = cdr.probing_pose(
+                stamp,
+                measured.arm.base_frame,
+                int(poses.location[i]),
+                int(poses.sphere[i]),
+                poses.joints[i],
+                poses.displacement[i],
+                int(poses.readings[i]),
+            )
+            bag.write_message(CAPTURE_POSES, pose, stamp)
