@@ -6,6 +6,10 @@ from typing import TYPE_CHECKING
 from calib_model.lazy import lazily
 
 if TYPE_CHECKING:
+    from calib_model.labelling.raw_settings import (
+        Instruments as Instruments,
+        RawSettings as RawSettings,
+    )
     from calib_model.labelling.sphere_finder import (
         NOWHERE as NOWHERE,
         UNTOUCHED as UNTOUCHED,
@@ -16,8 +20,6 @@ if TYPE_CHECKING:
         renumbered as renumbered,
     )
     from calib_model.labelling.unlabelled_bag import (
-        Instruments as Instruments,
-        RawSettings as RawSettings,
         Sorted as Sorted,
         label_bag as label_bag,
         numbering_of as numbering_of,

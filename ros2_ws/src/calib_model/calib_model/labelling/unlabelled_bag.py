@@ -15,34 +15,14 @@ from calib_model.errors import BagError, ContactError, DataError
 from calib_model.instruments import Arm, Gauge, Probe
 from calib_model.kinematics import points
 from calib_model.labelling.certificate_match import Certificate
+from calib_model.labelling.raw_settings import Instruments, RawSettings
 from calib_model.labelling.sphere_clusters import SeenLocation, SphereClustering, SphereClusters
 from calib_model.labelling.sphere_numbering import Numbering, numbered
 from calib_model.measurement import Measurement, ProbingSet
-from calib_model.pairing import NOTE, RawTopics, SteadyPose, pair_streams, read_raw, settings_of
+from calib_model.pairing import NOTE, SteadyPose, pair_streams, read_raw, settings_of
 from calib_model.topics import ARM_DESCRIPTION, GAUGE_DESCRIPTION, PROBE_DESCRIPTION
 
 MOST_STRAYS = 5  # that are told one by one
-
-
-@dataclass(frozen=True)
-class RawSettings:
-    """What a user can say of a raw bag: its `topics`, the numbers of the `spheres` that were
-    probed where they are known, `settings` of the pairing that are not the bag's own, and whether
-    the arm stood still for each pose (None: the data tell)."""
-
-    topics: RawTopics = RawTopics()
-    spheres: tuple[int, ...] = ()
-    settings: tuple[tuple[str, float], ...] = ()
-    standing: bool | None = None
-
-
-@dataclass(frozen=True)
-class Instruments:
-    """Descriptions that take the place of a bag's own, where given."""
-
-    arm: Arm | None = None
-    probe: Probe | None = None
-    gauge: Gauge | None = None
 
 
 @dataclass(frozen=True)

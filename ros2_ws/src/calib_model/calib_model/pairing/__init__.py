@@ -25,6 +25,9 @@ if TYPE_CHECKING:
         PairedReading as PairedReading,
         travel as travel,
     )
+    from calib_model.pairing.raw_topics import (
+        RawTopics as RawTopics,
+    )
     from calib_model.pairing.settings_record import (
         NOTE as NOTE,
         PAIRING as PAIRING,
@@ -44,7 +47,6 @@ if TYPE_CHECKING:
         usable as usable,
     )
     from calib_model.pairing.streams import (
-        RawTopics as RawTopics,
         read_raw as read_raw,
     )
 else:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from calib_model.arrays import Array
 from calib_model.bags import BagDescriptions, Told, listed_topics, read_messages
 from calib_model.errors import BagError
+from calib_model.pairing.raw_topics import RawTopics
 from calib_model.pairing.stop_and_go import LARGEST
 from calib_model.pairing.stream_columns import (
     JointBlock,
@@ -28,22 +29,11 @@ from calib_model.topics import (
     DESCRIPTIONS,
     DISPLACEMENTS,
     JOINT_STATE,
-    JOINT_STATES,
-    PROBE_DISPLACEMENTS,
 )
 
 BLOCK = 20_000  # messages that are decoded together
 MOST_SHOWN = 20  # names in an error
 STEP_BACK = 1.0  # s: stamps that fall back by more come from an arm that was started anew
-
-
-@dataclass(frozen=True)
-class RawTopics:
-    """Where the streams are, and `joints`, the arm's in its order by the names they have there."""
-
-    joint_states: str = JOINT_STATES.name
-    displacements: str = PROBE_DISPLACEMENTS.name
-    joints: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

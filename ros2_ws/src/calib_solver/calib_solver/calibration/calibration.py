@@ -122,12 +122,16 @@ def _identified(
     resampling.refuse_plan(plan, len(np.unique(measured.poses.location)), measured.source)
     if not effort.scheduler:
         loaded, done = _numbered(loaded, lambda measured: identify(measured, options))
-        return loaded, done, _resampled(done, plan, resampling.in_processes(threads()), progress)
+        return (
+            loaded,
+            done,
+            _resampled(done, plan, lambda: resampling.in_processes(threads()), progress),
+        )
     with resampling.connected(effort.scheduler) as cluster:
         loaded, done = _numbered(
             loaded, lambda measured: identify(measured, options, cluster.passes())
         )
-        return loaded, done, _resampled(done, plan, cluster.spread, progress)
+        return loaded, done, _resampled(done, plan, lambda: cluster.spread, progress)
 
 
 def _numbered(
@@ -150,11 +154,7 @@ def _numbered(
 def _resampled(
     done: Identification,
     plan: resampling.Plan,
-    spread: resampling.Spread,
+    spread: Callable[[], resampling.Spread],
     progress: Progress | None,
 ) -> resampling.Resampled | None:
-    return (
-        resampling.resample(done, plan, spread, progress)
-        if plan != resampling.Plan(seed=plan.seed)
-        else None
-    )
+    return None if plan.empty else resampling.resample(done, plan, spread(), progress)

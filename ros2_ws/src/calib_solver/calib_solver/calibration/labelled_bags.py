@@ -8,19 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib_model import labelling
 from calib_model.arrays import Array
 from calib_model.bags import Told, listed_topics, read_measurement, read_messages
 from calib_model.errors import BagError
-from calib_model.labelling import (
-    Instruments,
-    Numbering,
-    RawSettings,
-    Sorted,
-    label_bag,
-    numbering_of,
-    renumbered,
-    with_numbers,
-)
 from calib_model.measurement import Measurement
 from calib_model.topics import CAPTURE_POSES
 from calib_solver.quality import ProbedSpheres
@@ -31,11 +22,15 @@ class Part:
     """One bag: its measurement, and how it was sorted where it had no poses."""
 
     measured: Measurement
-    raw: Sorted | None = None
+    raw: labelling.Sorted | None = None
 
 
 def read_part(
-    bag: str, given: Instruments, choice: RawSettings, anew: bool, told: Told | None = None
+    bag: str,
+    given: labelling.Instruments,
+    choice: labelling.RawSettings,
+    anew: bool,
+    told: Told | None = None,
 ) -> Part:
     """A bag's poses; with `anew`, or where it has none, those that its raw topics give.
 
@@ -45,7 +40,7 @@ def read_part(
     if not anew and has_poses(bag):
         return Part(read_measurement(bag, given.arm, given.probe, given.gauge))
     try:
-        raw = label_bag(bag, choice, given, told)
+        raw = labelling.label_bag(bag, choice, given, told)
     except BagError as error:
         if anew or 'no messages on' not in str(error):
             raise
@@ -70,23 +65,23 @@ class RawSpheres:
     """The numbering of all raw bags of a measurement; `locations` (L,) are the numbers that their
     locations have there, `lines` what was done."""
 
-    parts: tuple[Sorted, ...]
-    numbering: Numbering
+    parts: tuple[labelling.Sorted, ...]
+    numbering: labelling.Numbering
     locations: tuple[int, ...]
     lines: tuple[str, ...]
 
     @staticmethod
-    def of(parts: Sequence[Sorted]) -> RawSpheres:
+    def of(parts: Sequence[labelling.Sorted]) -> RawSpheres:
         """The spheres of bags just sorted, their locations not yet those of a measurement."""
         lines = [line for part in parts for line in part.lines]
-        return RawSpheres(tuple(parts), numbering_of(parts), (), tuple(lines))
+        return RawSpheres(tuple(parts), labelling.numbering_of(parts), (), tuple(lines))
 
     def measurements(self) -> list[Measurement]:
         """Each raw bag's, with the certificate's numbers."""
         found, numbers = [], list(self.numbering.numbers)
         for part in self.parts:
             mine, numbers = numbers[: len(part.locations)], numbers[len(part.locations) :]
-            found.append(with_numbers(part, mine))
+            found.append(labelling.with_numbers(part, mine))
         return found
 
     def told_by(self, spheres: ProbedSpheres) -> RawSpheres:
@@ -99,9 +94,11 @@ class RawSpheres:
             seen.append(np.array([_center(spheres, one) for one in rows]))
             variance.append(np.array([_variance(spheres, one) for one in rows]))
         certificate = self.parts[0].certificate
-        return replace(self, numbering=renumbered(self.numbering, certificate, seen, variance))
+        return replace(
+            self, numbering=labelling.renumbered(self.numbering, certificate, seen, variance)
+        )
 
-    def relabelled(self, measured: Measurement, before: Numbering) -> Measurement:
+    def relabelled(self, measured: Measurement, before: labelling.Numbering) -> Measurement:
         """A measurement numbered as `before`, numbered as now."""
         poses = measured.poses
         sphere = poses.sphere.copy()

@@ -9,16 +9,18 @@ if TYPE_CHECKING:
     from calib_solver.resampling.cluster import (
         connected as connected,
     )
+    from calib_solver.resampling.plan import (
+        Plan as Plan,
+        refuse_plan as refuse_plan,
+    )
     from calib_solver.resampling.processes import (
         Spread as Spread,
         in_processes as in_processes,
     )
     from calib_solver.resampling.resampling import (
-        Plan as Plan,
         Repeated as Repeated,
         Resampled as Resampled,
         exact_centers as exact_centers,
-        refuse_plan as refuse_plan,
         resample as resample,
     )
 else:

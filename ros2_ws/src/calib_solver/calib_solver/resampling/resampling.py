@@ -13,12 +13,11 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calib_model.arrays import Array, frozen
-from calib_model.errors import DataError
 from calib_model.instruments import Gauge
 from calib_model.kinematics import CorrectedArm, ParameterTable
 from calib_model.measurement import Measurement
@@ -27,21 +26,10 @@ from calib_solver.fitting import minimise, objective
 from calib_solver.identification import Identification
 from calib_solver.problem import Problem, accumulate, place_gauge, take_groups
 from calib_solver.quality import probed_points
-from calib_solver.resampling.processes import Spread
+from calib_solver.resampling.plan import Plan, refuse_plan
 
-#: with fewer locations there is nothing to draw
-FEWEST_LOCATIONS = 2
-
-MOST_REPETITIONS = 100_000  # hours of work, and their deviations still fit in memory
-
-
-@dataclass(frozen=True)
-class Plan:
-    """How many repetitions of each kind; run i of a `seed` is the same in every plan."""
-
-    monte_carlo: int = 0
-    bootstrap: int = 0
-    seed: int = 0
+if TYPE_CHECKING:
+    from calib_solver.resampling.processes import Spread
 
 
 @dataclass(frozen=True)
@@ -90,27 +78,6 @@ class Resampled:
 
 
 Draw = Callable[[Source, np.random.SeedSequence], tuple[Array, bool]]
-
-
-def refuse_plan(plan: Plan, locations: int, source: str) -> None:
-    """Raise where a plan cannot be carried out on so many locations of a measurement `source`.
-
-    Raises:
-        DataError: a count or the seed is negative or a single repetition, or there are too few
-            locations to draw from.
-    """
-    for name, count in (('monte-carlo', plan.monte_carlo), ('bootstrap', plan.bootstrap)):
-        if count < 0 or count == 1 or count > MOST_REPETITIONS:
-            raise DataError(
-                f'{name} {count}: expected 0, or 2 or more repetitions, {MOST_REPETITIONS} at most'
-            )
-    if plan.seed < 0:
-        raise DataError(f'seed {plan.seed}: expected zero or more')
-    if plan.bootstrap and locations < FEWEST_LOCATIONS:
-        raise DataError(
-            f'{source}: a bootstrap draws whole gauge locations, '
-            f'and there is {locations}: expected {FEWEST_LOCATIONS} or more'
-        )
 
 
 def resample(

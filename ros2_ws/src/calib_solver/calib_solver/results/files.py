@@ -5,21 +5,24 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from calib_model import urdf
 from calib_model.descriptions import arm_yaml, correction_yaml, probe_yaml
 from calib_model.errors import CalibrationError
 from calib_model.files import FolderLock, write_together
 from calib_model.kinematics import KINDS
 from calib_model.transforms import RigidTransform
-from calib_model.urdf import arm_urdf
 from calib_solver.fitting import ProbeFit
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
-from calib_solver.resampling import Resampled
 from calib_solver.results.corrections import correction_record, estimate_record, joint_errors_record
 from calib_solver.results.diagnostics import diagnostics_record
 from calib_solver.results.quality import Record, quality_record, sphere_records
 from calib_solver.results.resampling import resampling_record
+
+if TYPE_CHECKING:
+    from calib_solver.resampling import Resampled
 
 SCHEMA = 1
 
@@ -105,7 +108,7 @@ def write_results(
     texts = {
         'arm.yaml': arm_yaml(done.arm),
         'probe.yaml': probe_yaml(done.probe),
-        'arm.urdf': arm_urdf(done.arm),
+        'arm.urdf': urdf.arm_urdf(done.arm),
         'report.html': report,
         'result.json': json.dumps(record, indent=1, allow_nan=False) + '\n',
     }

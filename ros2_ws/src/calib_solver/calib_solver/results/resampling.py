@@ -3,12 +3,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from calib_model.arrays import Array
 from calib_solver.identification import Identification
-from calib_solver.resampling import Repeated, Resampled
 from calib_solver.results.quality import Record
+
+if TYPE_CHECKING:
+    from calib_solver.resampling import Repeated, Resampled
 
 METHODS = ('monte_carlo', 'bootstrap')
 
