@@ -8,7 +8,8 @@ import yaml
 from mcap.reader import make_reader
 
 from calib_model.bags import cdr
-from calib_model.bags.measurement import read_measurement, write_descriptions, write_measurement
+from calib_model.bags.measurement import read_measurement
+from calib_model.bags.measurement_writer import write_descriptions, write_measurement
 from calib_model.bags.reader import read_messages
 from calib_model.bags.writer import BagWriter
 from calib_model.descriptions import gauge_yaml

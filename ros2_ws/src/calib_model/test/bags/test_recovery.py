@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from calib_model.bags import cdr
-from calib_model.bags.measurement import write_descriptions
+from calib_model.bags.measurement_writer import write_descriptions
 from calib_model.bags.reader import BagMessage, read_messages
 from calib_model.bags.recovery import recover, repair
 from calib_model.bags.writer import BagWriter
