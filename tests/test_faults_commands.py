@@ -138,7 +138,10 @@ COMMANDS = {
     'identify raw': Command('calib_solver.commands.identify', ('raw', '--raw'), RAW, 8),
     'evaluate': Command('calib_solver.commands.evaluate', ('bag',), (*GIVEN, 'correction', *RAW)),
     'compensate': Command(
-        'calib_solver.commands.compensate', ('result', 'targets.csv', 'OUT'), ('tool',)
+        'calib_solver.commands.compensate',
+        ('result', 'targets.csv', 'OUT'),
+        ('tool',),
+        codes=(0, 1),
     ),
     'kuka_figures': Command('calib_solver.commands.kuka_figures', ('result',), ('arm',)),
     'arm_from_urdf': Command(

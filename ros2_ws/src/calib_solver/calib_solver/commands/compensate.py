@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from calib_model.command_line import CommandParser, run_command
 from calib_solver import compensation
 
+UNREACHED = 1
+
 ABOUT = """\
 Turn targets into the joint commands that really get there, by the arm that identify found.
 
@@ -50,8 +52,16 @@ def run(argv: Sequence[str] | None = None) -> compensation.Finished:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Entry point: exit code 0, or 2 and one line on stderr."""
-    return run_command(lambda: print(run(argv).verdict))
+    """Entry point: exit code 0; 1 where a row is not reached; or 2 and one line on stderr."""
+
+    def work() -> int:
+        finished = run(argv)
+        for note in finished.notes:
+            print(note, file=sys.stderr)
+        print(finished.verdict)
+        return UNREACHED if finished.done.unreached else 0
+
+    return run_command(work)
 
 
 if __name__ == '__main__':

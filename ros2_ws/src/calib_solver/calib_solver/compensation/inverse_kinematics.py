@@ -113,7 +113,7 @@ def _newton(
     """
     q = q.copy()
     damping = np.full(len(q), LEAST_DAMPING)
-    error, jacobian = _equations(arm, tool, q, targets)
+    error, jacobian = equations(arm, tool, q, targets)
     miss = np.linalg.norm(error, axis=1)
     left: Rows = np.arange(len(q))
     for _ in range(STEPS):
@@ -125,7 +125,7 @@ def _newton(
         if not len(left):
             break
         tried = q[left] + step
-        error_there, jacobian_there = _equations(arm, tool, tried, targets.take(left))
+        error_there, jacobian_there = equations(arm, tool, tried, targets.take(left))
         miss_there = np.linalg.norm(error_there, axis=1)
         better = miss_there < np.maximum(miss[left], NEAR)
         damping[left] = np.clip(
@@ -139,8 +139,9 @@ def _newton(
     return q, miss
 
 
-def _equations(arm: Arm, tool: RigidTransform, q: Array, targets: Targets) -> tuple[Array, Array]:
-    """What is left to go (N, m), m, and its derivative by the joints (N, m, n), m/rad."""
+def equations(arm: Arm, tool: RigidTransform, q: Array, targets: Targets) -> tuple[Array, Array]:
+    """What is left to go (N, m), m, and its derivative by the joints (N, m, n), m/rad; turns count
+    as lengths at LEVER."""
     now = tool_motion(arm, q, tool)
     gap = targets.position - now.position
     if targets.rotation is None:

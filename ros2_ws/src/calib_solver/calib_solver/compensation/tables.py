@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from calib_solver.compensation.joint_commands import (
     compensate_targets,
     read_calibrated,
 )
+from calib_solver.compensation.path import path_notes
 from calib_solver.compensation.target_table import FARTHEST, TargetTable, joints_csv, read_targets
 
 TOOL = "expected 'probe', 'flange' or x,y,z[,rx,ry,rz] in m and rad"
@@ -29,24 +30,32 @@ TOOL = "expected 'probe', 'flange' or x,y,z[,rx,ry,rz] in m and rad"
 
 @dataclass(frozen=True)
 class Finished:
-    """The answer, and the files written."""
+    """The answer, what is to be said of its rows, and the files written."""
 
     done: Compensated
+    notes: tuple[str, ...]
     written: tuple[Path, ...]
 
     @property
     def change(self) -> float:
         """The largest change of a joint command, rad."""
-        return float(np.abs(self.done.joints - self.done.nominal).max())
+        return float(np.nanmax(np.abs(self.done.joints - self.done.nominal)))
+
+    @property
+    def miss(self) -> Array:
+        """What the nominal commands of the rows that are reached would miss by, m."""
+        return np.delete(self.done.miss, list(self.done.unreached))
 
     @property
     def verdict(self) -> str:
         """How much was made good, in one line."""
-        miss = 1e3 * self.done.miss
+        miss = 1e3 * self.miss
         largest = np.degrees(self.change)
+        out = len(self.done.unreached)
         return (
             f'{len(miss)} targets: the nominal commands would miss by {miss.mean():.4f} mm '
             f'on average, {miss.max():.4f} mm at most; joints changed by up to {largest:.4f} deg'
+            + (f'; {out} more not reached' if out else '')
         )
 
 
@@ -105,7 +114,8 @@ def compensate_file(
     n = calibrated.identified.n
     rows = read_targets(table, n) if isinstance(table, str) else table(n)
     done = compensate_table(calibrated, rows, position_only)
-    return Finished(done, write_joints(output, done, rows.time))
+    notes = path_notes(calibrated.identified, done, rows)
+    return Finished(done, notes, write_joints(output, done, rows.time, notes))
 
 
 def rows_of(n: int, position: Array, rotation_vector: Array, joint_position: Array) -> TargetTable:
@@ -135,8 +145,11 @@ def rows_of(n: int, position: Array, rotation_vector: Array, joint_position: Arr
     return TargetTable('', (), blocks[0], rotation, blocks[2], None)
 
 
-def write_joints(output: str, done: Compensated, time: Array | None = None) -> tuple[Path, ...]:
-    """Write the joint commands, whole or not at all; '' is nowhere.
+def write_joints(
+    output: str, done: Compensated, time: Array | None = None, notes: Sequence[str] = ()
+) -> tuple[Path, ...]:
+    """Write the joint commands, whole or not at all, the notes as comments behind them; '' is
+    nowhere.
 
     Raises:
         CalibrationError: it cannot be written.
@@ -144,7 +157,7 @@ def write_joints(output: str, done: Compensated, time: Array | None = None) -> t
     if not output:
         return ()
     try:
-        write_whole(output, joints_csv(done.joints, time))
+        write_whole(output, joints_csv(done.joints, time, notes))
     except OSError as error:
         raise CalibrationError(f'{output}: cannot be written: {error.strerror}') from error
     return (Path(output),)

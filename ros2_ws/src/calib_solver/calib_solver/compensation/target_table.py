@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -164,12 +165,14 @@ def _rotations(columns: dict[str, Array], table: TargetTable) -> Array | None:
     return np.array([rotation_matrix(vector) for vector in vectors])
 
 
-def joints_csv(joints: Array, time: Array | None = None) -> str:
-    """Joint commands (N, n), rad, as CSV; every number comes back bit for bit."""
+def joints_csv(joints: Array, time: Array | None = None, notes: Sequence[str] = ()) -> str:
+    """Joint commands (N, n), rad, as CSV; every number comes back bit for bit. The notes are
+    comments at its end."""
     header = list(_joints(joints.shape[1]))
     rows = joints.tolist()
     if time is not None:
         header.insert(0, TIME)
         rows = [[at, *row] for at, row in zip(time.tolist(), rows, strict=True)]
     lines = [','.join(header), *(','.join(map(repr, row)) for row in rows)]
+    lines += [f'# {note}' for note in notes]
     return '\n'.join(lines) + '\n'

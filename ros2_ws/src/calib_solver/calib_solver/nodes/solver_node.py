@@ -251,10 +251,11 @@ class SolverNode(Node):
         done = finished.done
         response.rows = len(done.joints)
         response.joint_command = done.joints.reshape(-1).tolist()
-        response.miss_mean, response.miss_max = float(done.miss.mean()), float(done.miss.max())
+        response.miss_mean = float(finished.miss.mean())
+        response.miss_max = float(finished.miss.max())
         response.change_max = finished.change
         response.written = [str(path) for path in finished.written]
-        response.message = finished.verdict
+        response.message = '; '.join((finished.verdict, *finished.notes))
 
 
 class _AtMost(CallbackGroup):
