@@ -40,7 +40,7 @@ install_wheels() {
   up_to_date ".venv/$list" "$want" && return
   echo "set-up: wheels of $list"
   # The list is complete, so nothing is left to resolve; modules compile when first imported.
-  # empy alone has no wheel. (In the list itself pip would read the two options the other way round.)
+  # empy alone has no wheel. (In a list pip would read these options the other way round.)
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-compile \
     --use-pep517 --only-binary :all: --no-binary empy \
     -r "$list"
