@@ -12,7 +12,8 @@ PINNED = re.compile(r'[a-z0-9._-]+==\S+( ; [^-]*)?\s+--hash=sha256:[0-9a-f]{64}'
 
 def asked(path):
     lines = (line.split('#')[0].strip() for line in path.read_text().splitlines())
-    return {re.split(r'[=<>! ]', line)[0].lower().replace('_', '-') for line in lines if line}
+    lines = (line for line in lines if line and not line.startswith('-'))
+    return {re.split(r'[=<>! ]', line)[0].lower().replace('_', '-') for line in lines}
 
 
 def pinned(path):
@@ -31,3 +32,11 @@ def test_what_is_asked_for_is_pinned(name):
     lists = [ROOT / 'requirements.txt', ROOT / f'{name}.txt']
     known = {line.split('==')[0] for path in lists for line in pinned(path)}
     assert asked(ROOT / f'{name}.in') <= known
+
+
+def test_one_version_serves_all_interpreters():
+    lists = [ROOT / 'requirements.txt', ROOT / 'requirements-dev.txt']
+    seen = [{line.split()[0] for line in pinned(path)} for path in lists]
+    both = sorted(seen[0] | seen[1])
+    assert [len(pinned(path)) for path in lists] == [len(one) for one in seen]
+    assert len({line.split('==')[0] for line in both}) == len(both)

@@ -63,3 +63,10 @@ def test_what_a_package_imports_is_declared(package: Path) -> None:
 def test_no_python_package_is_declared_that_nothing_imports(package: Path) -> None:
     told = declared(package, 'depend', 'exec_depend') & set(KEYS.values())
     assert told - needed(package, [package.name, 'launch']) == set()
+
+
+@pytest.mark.parametrize('package', PACKAGES, ids=lambda path: path.name)
+def test_nothing_is_declared_twice(package: Path) -> None:
+    root = ElementTree.parse(package / 'package.xml').getroot()
+    lines = [(element.tag, element.text) for element in root if element.tag.endswith('depend')]
+    assert len(lines) == len(set(lines))

@@ -54,11 +54,6 @@ class InverseKinematics:
         a, alpha, d, _, _ = self.arm.geometry
         return DhRobot(alpha, a, d, fixed)
 
-    @property
-    def has_redundant_joint(self) -> bool:
-        """Whether one joint is free to be swept."""
-        return self._six is None
-
     def redundant_range(self) -> tuple[float, float]:
         """The range of the joint to be swept, rad; without meaning for six joints."""
         lower, upper = np.clip(self.arm.limits[self._redundant], -np.pi, np.pi)

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
         controller_figures as controller_figures,
         counted_as as counted_as,
         figures_text as figures_text,
-        of_abc as of_abc,
         shown as shown,
     )
     from calib_solver.compensation.tables import (

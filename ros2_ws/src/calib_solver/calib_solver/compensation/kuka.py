@@ -10,7 +10,6 @@ import numpy as np
 from calib_model.arrays import Array
 from calib_model.errors import DataError
 from calib_model.instruments import Arm, ControllerAxis
-from calib_model.transforms import RigidTransform
 from calib_solver.compensation.joint_commands import Calibrated
 
 
@@ -97,15 +96,6 @@ def abc(rotation: Array) -> Array:
         return np.array([np.arctan2(-rotation[0, 1], rotation[1, 1]), b, 0.0])
     a = np.arctan2(rotation[1, 0], rotation[0, 0])
     return np.array([a, b, np.arctan2(rotation[2, 1], rotation[2, 2])])
-
-
-def of_abc(angles: Array) -> Array:
-    """The rotation (3, 3) of A, B, C (3,), rad."""
-    about_z, about_y, about_x = (
-        RigidTransform(rotation_vector=angle * axis).rotation
-        for angle, axis in zip(angles, np.eye(3)[::-1], strict=True)
-    )
-    return about_z @ about_y @ about_x
 
 
 def figures_text(figures: ControllerFigures) -> str:

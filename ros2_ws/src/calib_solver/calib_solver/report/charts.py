@@ -10,20 +10,6 @@ import numpy as np
 
 from calib_model.arrays import Array
 
-#: what a series stands for decides its colour and its mark, in the page and in the pictures
-ROLES = (
-    'before',
-    'after',
-    'held',
-    'x',
-    'y',
-    'z',
-    'level1',
-    'level2',
-    'level3',
-    'level4',
-    'level5',
-)
 #: outlines in drawing units: most charts, clouds, one per joint, views of the workspace
 SHAPES = {
     'wide': (460.0, 280.0),
@@ -37,8 +23,11 @@ RAISED = str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹')
 
 @dataclass(frozen=True)
 class Series:
-    """Points x (K,), y (K,) of one of `ROLES`; `joined` draws a line through them, `fine` makes
-    dots small enough for thousands."""
+    """Points x (K,), y (K,); what they stand for, their role, decides colour and mark.
+
+    Roles are those of `png.COLOURS` and of the page's style. `joined` draws a line through the
+    points, `fine` makes dots small enough for thousands.
+    """
 
     x: Array
     y: Array
