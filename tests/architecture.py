@@ -76,6 +76,7 @@ class Import:
     importer: str
     target: str
     name: str = ''
+    alias: str = ''
 
     def __str__(self) -> str:
         asked = f'from {self.target} import {self.name}' if self.name else f'import {self.target}'
@@ -83,13 +84,36 @@ class Import:
 
 
 def imports(code: Sources) -> list[Import]:
-    """All imports of all modules, wherever in the module; folders' own files only hand on."""
+    """All imports of all modules, wherever in the module; folders' own files only hand on.
+
+    A room taken as a whole, `from calib_model import bags`, is an import of each name that is used
+    of it, `bags.recover`: that loads it later, and no more of the room.
+    """
     return [
-        found
+        each
         for module, text in code.items()
         if not module.endswith('.__init__')
         for found in _imports_of(module, text)
+        for each in _names_used(code, found)
     ]
+
+
+def _names_used(code: Sources, found: Import) -> list[Import]:
+    taken = f'{found.target}.{found.name}'
+    if '.' in found.target or f'{taken}.__init__' not in code:
+        return [found]
+    names = _attributes(code[found.importer]).get(found.alias or found.name, set())
+    return [Import(found.importer, taken, name) for name in sorted(names)]
+
+
+@cache
+def _attributes(text: str) -> dict[str, set[str]]:
+    """Which attributes are asked of which names."""
+    asked: dict[str, set[str]] = {}
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            asked.setdefault(node.value.id, set()).add(node.attr)
+    return asked
 
 
 @cache
@@ -100,7 +124,7 @@ def _imports_of(module: str, text: str) -> list[Import]:
             found += [Import(module, alias.name) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             target = '.' * node.level + (node.module or '')
-            found += [Import(module, target, alias.name) for alias in node.names]
+            found += [Import(module, target, a.name, a.asname or '') for a in node.names]
     return found
 
 

@@ -70,6 +70,16 @@ def test_nothing_is_imported_upwards_sideways_or_past_a_door() -> None:
             'from calib_model.bags import reader',
             'not a name that calib_model.bags hands on',
         ),
+        (
+            'calib_solver.report.page',
+            'from calib_model import bags\nbags.unheard_of()',
+            'not a name that calib_model.bags hands on',
+        ),
+        (
+            'calib_solver.quality.assessment',
+            'from calib_solver import report\nreport.report_html()',
+            'upwards, from quality to report',
+        ),
         ('calib_capture.program.planner', 'from sensor_msgs.msg import Joy', 'ROS belongs in'),
         ('calib_solver.report.page', 'from . import charts', 'name the package'),
         ('calib_solver.report.charts', 'from calib_solver.report import png', 'circle: '),
