@@ -23,10 +23,9 @@ from calib_solver.error_models import (
 )
 from calib_solver.faults import (
     Rejected,
-    beyond_certificate,
+    certificate_warnings,
     named_numbers,
     named_scale,
-    named_sphere,
     parameter_warnings,
     pose_warnings,
     refuse_other_units,
@@ -186,7 +185,7 @@ def _prepared(measured: Measurement, solver: Solver) -> _Prepared:
     refuse_other_units(problem, initial.spheres.center)
     stretches = stuck_stretches(measured)
     stuck_throughout = bool(stretches) and not set_apart(problem, stretches).any()
-    mount, warnings = try_probe_fit(problem)
+    mount = try_probe_fit(problem)
     leader = solver
     if solver.options.objective != LEADING:
         leader = replace(solver, options=replace(solver.options, objective=LEADING))
@@ -195,13 +194,13 @@ def _prepared(measured: Measurement, solver: Solver) -> _Prepared:
     if solver.options.loss == 'rejecting':
         cleaned = without_gross_errors(problem, stretches, leader, descent)
         descent, rejected = cleaned.descent, cleaned.rejected
-        warnings = cleaned.warnings + warnings
+        warnings = cleaned.warnings
         if cleaned.problem is not problem:
             problem = cleaned.problem
             solver.refuse_too_little(problem)
             initial = assess(problem, measured.arm, measured.probe)
     else:
-        warnings = tuple(one.line(len(measured.poses)) for one in stretches) + warnings
+        warnings = tuple(one.line(len(measured.poses)) for one in stretches)
     if leader is not solver:
         descent = solver.behind(leader, problem, descent)
     return _Prepared(problem, initial, descent, rejected, mount, warnings, stuck_throughout)
@@ -284,9 +283,11 @@ def _warnings(
         )
     solver = solved.solver
     held = done.fit.kappa * solver.information
-    other_distances = () if of_poses else beyond_certificate(done.identified.distance)
+    of_certificate = certificate_warnings(
+        done.problem, solved.sums, held, done.uncertainty.misfit, done.uncertainty.noise**2
+    )
     of_result = named_numbers(done.problem, done.initial.spheres.center) or (
-        (named_sphere(done.problem, solved.sums, held, done.uncertainty.misfit) or other_distances)
+        (() if of_poses else of_certificate)
         + named_scale(done.table, done.full, solver.scale)
         + parameter_warnings(done.table, done.full, solver.scale, done.uncertainty.standard)
     )

@@ -7,10 +7,9 @@ from calib_model.lazy import lazily
 
 if TYPE_CHECKING:
     from calib_solver.faults.certificate import (
-        beyond_certificate as beyond_certificate,
+        certificate_warnings as certificate_warnings,
         named_numbers as named_numbers,
         named_scale as named_scale,
-        named_sphere as named_sphere,
         refuse_other_units as refuse_other_units,
     )
     from calib_solver.faults.gross_errors import (

@@ -4,7 +4,8 @@ it: lengths in other units, a sphere out of place, numbers counted otherwise, a 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -30,6 +31,13 @@ SIMPLER = 2.0
 SHIFTS = (-3, -2, -1, 1, 2, 3)
 #: distances that are off by more than this (m) after the fit are another gauge's
 BEYOND = 1e-3
+#: or by so many times what the certificate and the poses' noise make them
+FAR_BEYOND = 10.0
+LEAST = 1e-9  # m
+#: sets of spheres that are tried, sets that explain as much, and shifts that are as likely
+MOST_SETS, ALIKE, NEARLY = 500, 0.02, 1.3
+#: of the change of all lengths, the share that one scale explains
+ONE_SCALE = 0.7
 #: lengths that grew by so many times what arms do, all together, are a matter of scale
 FAR = 5.0
 
@@ -51,42 +59,106 @@ def refuse_other_units(problem: Problem, center: Array) -> None:
         )
 
 
-def named_sphere(problem: Problem, sums: SphereSums, held: Array, misfit: float) -> tuple[str, ...]:
-    """A line for the sphere whose certified centre is wrong, if that explains most distance errors.
+def certificate_warnings(
+    problem: Problem, sums: SphereSums, held: Array, misfit: float, noise: float
+) -> tuple[str, ...]:
+    """A line where the distances do not come out as certified, and whose spheres' fault it is.
 
     `sums` at the identified parameters, `held` (F,) what the prior adds to eq. 11's J'J; `misfit`
-    is how many times larger the errors are than the poses' noise and the certificate make them.
-    What the parameters have taken up of a wrong centre is given back: both are solved together.
+    is how many times larger the errors are than the poses' noise and the certificate make them,
+    and `noise` (m^2) a pose's variance.
     """
-    if misfit < MISFIT or len(problem.pairs) < FEWEST or len(held) == 0:
-        return ()
     error, slope = distance_errors(problem, sums)
-    normal = distance_repeatability(problem, sums).normal + np.diag(held)
-    best, number, size = 0.0, 0, 0.0
-    for sphere in np.unique(problem.keys[:, 1]):
-        by_center = _by_center(problem, int(sphere))
-        seen = by_center - slope @ np.linalg.lstsq(normal, slope.T @ by_center, rcond=None)[0]
-        shift, _, rank, _ = np.linalg.lstsq(by_center.T @ seen, by_center.T @ error, rcond=FLAT**2)
-        share = float(shift @ by_center.T @ error) / float(error @ error)
-        if rank and share > best:
-            best, number, size = share, int(sphere), float(np.linalg.norm(shift))
-    if best < SHARE:
-        return ()
-    return (
-        f'sphere {number} is {size * 1e3:.4f} mm from its place on the certificate at every '
-        f'location: that alone explains {min(best, 1):.0%} of the distance errors',
-    )
-
-
-def beyond_certificate(error: Array) -> tuple[str, ...]:
-    """Distances whose errors (M,), m, no certificate worth the name leaves after a fit."""
     size = _rms(error) if len(error) else 0.0
-    if size < BEYOND:
+    times = size / _expected(problem, noise) if len(error) else 0.0
+    named = _named_spheres(problem, sums, held, (error, slope))
+    if named and misfit >= MISFIT:
+        return named
+    if size >= BEYOND:
+        return (
+            f'distances between spheres still differ by {size * 1e3:.3f} mm (rms) from the '
+            "certificate's after the fit: another gauge, or other numbers than it has; "
+            'not to be used',
+        )
+    if times < FAR_BEYOND:
         return ()
     return (
-        f'distances between spheres still differ by {size * 1e3:.3f} mm (rms) from the '
-        "certificate's after the fit: another gauge, or other numbers than it has; not to be used",
+        f'distances between spheres differ by {size * 1e3:.4f} mm (rms) from the certificate, '
+        f'{times:.0f} times what it states and the poses scatter: one of a wrong certificate, '
+        'bodies that bend, errors of the arm that D-H parameters do not hold',
     )
+
+
+def _expected(problem: Problem, noise: float) -> float:
+    """The rms error (m) of the distances that the certificate and the poses' noise make."""
+    gauge = problem.measured.gauge
+    stated = np.array([gauge.distance_uncertainty(length) / 2 for length in problem.nominal])
+    of_centers = (noise / problem.counts)[problem.pairs].sum(axis=1)
+    return max(float(np.sqrt(np.mean(stated**2 + of_centers))), LEAST)
+
+
+def _named_spheres(
+    problem: Problem, sums: SphereSums, held: Array, distances: tuple[Array, Array]
+) -> tuple[str, ...]:
+    """A line for the spheres whose certified centres are wrong, if these explain most errors.
+
+    What the parameters have taken up of a wrong centre is given back: both are solved together. As
+    few spheres as explain them are named; of sets that do so alike, that of the smallest shifts.
+    """
+    error, slope = distances
+    numbers = [int(number) for number in np.unique(problem.keys[:, 1])]
+    if len(problem.pairs) < FEWEST or len(held) == 0 or not error.any():
+        return ()
+    normal = distance_repeatability(problem, sums).normal + np.diag(held)
+    columns = {number: _by_center(problem, number) for number in numbers}
+    for count in range(1, max(1, len(numbers) // 2) + 1):
+        sets = list(combinations(numbers, count))
+        if len(sets) > MOST_SETS:
+            return ()
+        tried = {
+            spheres: _explained([columns[one] for one in spheres], error, slope, normal)
+            for spheres in sets
+        }
+        best = max(share for share, _ in tried.values())
+        if best >= SHARE:
+            alike = {one: sizes for one, (share, sizes) in tried.items() if share > best - ALIKE}
+            return (_spheres_line(alike, best),)
+    return ()
+
+
+def _spheres_line(found: Mapping[tuple[int, ...], Array], share: float) -> str:
+    """The set (K,) of spheres whose shifts (K,), m, are the smallest, and what comes near it."""
+    norms = {spheres: float(np.linalg.norm(sizes)) for spheres, sizes in found.items()}
+    spheres = min(norms, key=lambda one: norms[one])
+    explains = f'that alone explains {min(share, 1):.0%} of the distance errors'
+    if len(spheres) == 1:
+        return (
+            f'sphere {spheres[0]} is {norms[spheres] * 1e3:.4f} mm from its place on the '
+            f'certificate at every location: {explains}'
+        )
+    apart = ' and '.join(f'{size * 1e3:.4f}' for size in found[spheres])
+    others = [
+        ' and '.join(map(str, one))
+        for one in sorted(norms, key=lambda one: norms[one])
+        if one != spheres and norms[one] < NEARLY * norms[spheres]
+    ]
+    also = f' (or spheres {", or ".join(others)})' if others else ''
+    return (
+        'the distances do not agree with the certificate within what it states: spheres '
+        f'{" and ".join(map(str, spheres))} are {apart} mm from their places there at every '
+        f'location{also}: {explains}'
+    )
+
+
+def _explained(
+    columns: Sequence[Array], error: Array, slope: Array, normal: Array
+) -> tuple[float, Array]:
+    """The share of the errors (M,) that shifts of some centres explain, and their sizes (K,), m."""
+    by_center = np.concatenate(columns, axis=1)
+    seen = by_center - slope @ np.linalg.lstsq(normal, slope.T @ by_center, rcond=None)[0]
+    shift, _, rank, _ = np.linalg.lstsq(by_center.T @ seen, by_center.T @ error, rcond=FLAT**2)
+    share = float(shift @ by_center.T @ error) / float(error @ error) if rank else 0.0
+    return share, np.linalg.norm(shift.reshape(-1, 3), axis=1)
 
 
 def _by_center(problem: Problem, sphere: int) -> Array:
@@ -164,6 +236,9 @@ def named_scale(table: ParameterTable, full: Array, sigma: Array) -> tuple[str, 
         return ()
     scale = float(nominal @ change) / information
     if abs(scale) * np.sqrt(information) < FAR:
+        return ()
+    # a single length that is far off looks like a scale to some part
+    if scale**2 * information < ONE_SCALE * float(change @ change):
         return ()
     longer = 'longer' if scale > 0 else 'shorter'
     return (

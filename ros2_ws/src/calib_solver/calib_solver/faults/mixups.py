@@ -91,7 +91,7 @@ def _likely(
 def _spread_of(problem: Problem, solver: Solver) -> float:
     """The usual distance (m) of a pose from its sphere's centre, when the problem is solved."""
     solver.refuse_too_little(problem)
-    _, descent = solver.solve(problem, solver.start(problem, try_probe_fit(problem)[0]))
+    _, descent = solver.solve(problem, solver.start(problem, try_probe_fit(problem)))
     return assess(problem, *solver.arm_and_probe(problem, descent)).spread
 
 

@@ -208,11 +208,12 @@ class Solver:
             )
 
 
-def try_probe_fit(problem: Problem) -> tuple[ProbeFit | None, tuple[str, ...]]:
-    """Eq. 15 as a start for P; an active probe whose readings cannot tell it gets a warning."""
+def try_probe_fit(problem: Problem) -> ProbeFit | None:
+    """Eq. 15 as a start for P; None where the probe is passive or its readings cannot tell it: the
+    fit then starts from the nominal mount, which is no fault of its result."""
     if isinstance(problem.measured.probe, PassiveProbe):
-        return None, ()
+        return None
     try:
-        return fit_probe(problem), ()
-    except RankError as error:
-        return None, (str(error),)
+        return fit_probe(problem)
+    except RankError:
+        return None
