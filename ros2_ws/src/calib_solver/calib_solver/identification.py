@@ -37,7 +37,6 @@ from calib_solver.fitting import (
     LEADING,
     LOSSES,
     Accumulate,
-    CrossValidation,
     Fit,
     Observability,
     Options,
@@ -78,7 +77,6 @@ class Identification:
     rejected: tuple[Rejected, ...]
     seconds: float
     warnings: tuple[str, ...]
-    cross_validation: CrossValidation | None = None
     least_noise: float = 0.0
     joint_error_choice: JointErrorChoice | None = None
     choice_12: CorrectionChoice | None = None
@@ -102,8 +100,8 @@ def identify(
 ) -> Identification:
     """Eq. 11 (or the chosen objective) minimised from the nominal parameters.
 
-    `passes` adds up the sums per sphere; `options.prior` of the result has the strength that
-    cross-validation chose where it was asked to.
+    `passes` adds up the sums per sphere; `options.prior` of the result has the widths that the
+    evidence gave it where they are left to that.
 
     Raises:
         DataError: the poses do not fit the descriptions, or there are not enough of them.
@@ -139,9 +137,8 @@ def identify(
         warnings = tuple(one.line(len(measured.poses)) for one in stretches) + warnings
     if not alone:
         solver.follow(leader, problem)
-    chosen = solver.choose_prior(problem)
-    options = solver.options
     fit = solver.solve(problem)
+    options = solver.options
     errors: JointErrorChoice | None = None
     if options.joint_errors:
         errors = choose_joint_errors(
@@ -160,6 +157,7 @@ def identify(
             wider = Solver(table, options, passes)
             wider.go_on_from(solver)
             solver, fit = wider, wider.solve(problem)
+            options = solver.options
     fit = solver.account(problem, fit)
     solver.refuse_worse(problem, fit)
     full = solver.full(fit.x)
@@ -207,7 +205,6 @@ def identify(
         rejected,
         time.perf_counter() - begun,
         warnings,
-        chosen,
         solver.least_noise,
         errors,
     )

@@ -12,7 +12,7 @@ from calib_model.arrays import Array
 from calib_model.errors import DataError, FitError, RankError
 from calib_model.instruments import Arm, PassiveProbe, Probe
 from calib_model.kinematics import ParameterTable
-from calib_solver.fitting.cross_validation import CrossValidation, choose_strength
+from calib_solver.fitting.evidence import groups, minimise_by_evidence
 from calib_solver.fitting.levenberg_marquardt import ROUNDING, Fit, minimise
 from calib_solver.fitting.objectives import Objective, Quadratic, objective
 from calib_solver.fitting.options import Options
@@ -37,6 +37,8 @@ class Solver:
         self.information = options.prior.information(table)
         self.start: Array = np.zeros(len(self.nominal))
         self.least_noise = 0.0
+        self.kinds, self.group = groups(table, self.scale)
+        self.times: Array | None = None
         self.history: tuple[float, ...] = ()
         self.iterations = 0
         self.evaluations = 0
@@ -55,18 +57,37 @@ class Solver:
 
     def solve(self, problem: Problem) -> Fit:
         """The minimum, started from where the last one was found."""
-        fit = minimise(
-            lambda x: self.value(problem, x),
-            self.start,
-            self.scale,
-            self.information,
-            self.least_noise,
+        evidence = self.options.prior.evidence and len(self.start) > 0
+        fits = self._by_evidence(problem) if evidence else self._as_given(problem)
+        for fit in fits:
+            self.iterations += fit.iterations
+            self.evaluations += fit.evaluations
+            self.history += fit.history[1:]
+        self.start = fits[-1].x
+        return fits[-1]
+
+    def _as_given(self, problem: Problem) -> tuple[Fit, ...]:
+        """With the prior as it was given."""
+        return (
+            minimise(
+                lambda x: self.value(problem, x),
+                self.start,
+                self.scale,
+                self.information,
+                self.least_noise,
+            ),
         )
-        self.start = fit.x
-        self.iterations += fit.iterations
-        self.evaluations += fit.evaluations
-        self.history += fit.history[1:]
-        return fit
+
+    def _by_evidence(self, problem: Problem) -> tuple[Fit, ...]:
+        """With widths that follow the evidence, from those of the last time on."""
+        settled = minimise_by_evidence(
+            lambda x: self.value(problem, x), self.start, self.group, self.times, self.least_noise
+        )
+        self.times = settled.times
+        found = dict(zip(self.kinds, map(float, settled.times), strict=True))
+        self.options = replace(self.options, prior=replace(self.options.prior, times=found))
+        self.information = self.options.prior.information(self.table)
+        return settled.fits
 
     def follow(self, leader: Solver, problem: Problem) -> None:
         """Start from another objective's minimum; eq. 13 takes the poses' noise from there.
@@ -99,18 +120,6 @@ class Solver:
             evaluations=self.evaluations,
             history=(nominal.phi, *self.history),
         )
-
-    def choose_prior(self, problem: Problem) -> CrossValidation | None:
-        """Settle the prior's strength where that is left to cross-validation."""
-        prior, name = self.options.prior, self.options.objective
-        if not prior.candidates:
-            return None
-        start = self.solve(problem).x
-        chosen = choose_strength(problem, self.table, name, prior, start, self.least_noise)
-        prior = replace(prior, strength=chosen.chosen, candidates=())
-        self.options = replace(self.options, prior=prior)
-        self.information = prior.information(self.table)
-        return chosen
 
     def arm_and_probe(self, problem: Problem) -> tuple[Arm, Probe]:
         """The best arm and probe for a problem."""

@@ -31,13 +31,14 @@ def diagnostics_record(done: Identification) -> dict[str, Any]:
 
 
 def prior_record(done: Identification) -> dict[str, Any]:
-    """The strength used and, where cross-validation chose it, what it tried."""
-    chosen = done.cross_validation
-    found = None
-    if chosen is not None:
-        tried = [vars(one) for one in chosen.tried]
-        found = {'left_out': chosen.left_out, 'folds': chosen.folds, 'tried': tried}
-    return {'strength': done.options.prior.strength, 'cross_validation': found}
+    """The strength used, and by how many times what is usual each kind is off by the evidence."""
+    prior = done.options.prior
+    return {
+        'strength': prior.strength,
+        'cross_validation': None,
+        'evidence': prior.evidence,
+        'times': dict(prior.times),
+    }
 
 
 def finite(value: float) -> float | None:
