@@ -24,17 +24,25 @@ from calib_solver.problem import IntArray
 
 #: where widths begin, as so many times what is usual: nothing is held that the data could tell
 WEAK = 10.0
+#: m or rad, nor do they begin wider than that unless that is usual
+WIDEST_BEGIN = 0.05
 #: m, what a residual is held to be until a first minimum shows it: little, so that a start far off
 #: is no reason to stay there
 FIRST_NOISE = 1e-4
 #: m, below which a residual says nothing more of the widths
 LEAST_NOISE = 1e-8
+#: the residuals' mean square still falls when it falls to this part
+LOWER = 0.25
+#: with fewer terms than so many for each parameter, or residuals larger than this (m), a minimum
+#: may be another than the one that the data are for
+FEW, APART = 1.5, 3e-4
 #: widths are settled when none changes by more than this part
 SETTLED = 0.02
 MOST_ROUNDS = 6
 MOST_UPDATES = 50
-#: no width leaves this span of what is usual
-NARROWEST, WIDEST = 1e-3, 1e4
+#: no width is narrower than this part of what is usual, none wider than this, m or rad: a probe's
+#: mount is known that well, a joint's zero too
+NARROWEST, WIDEST = 1e-3, 0.5
 
 
 @dataclass(frozen=True)
@@ -44,6 +52,19 @@ class Group:
 
     sigma: Array
     kind: IntArray
+
+    def weak(self) -> Array:
+        """The times (K,) to begin with: WEAK, and no wider than a mount, which is known least."""
+        return np.minimum(WEAK, np.maximum(WIDEST_BEGIN / self._size(), 1.0))
+
+    def widest(self) -> Array:
+        """The most times (K,) a kind can be wide."""
+        return WIDEST / self._size()
+
+    def _size(self) -> Array:
+        size = np.zeros(int(self.kind.max(initial=-1)) + 1)
+        size[self.kind] = self.sigma
+        return size
 
     def information(self, times: Array) -> Array:
         """1 / (times sigma)^2 of every parameter (F,), by the `times` (K,) of the kinds."""
@@ -83,7 +104,7 @@ def widths(
         before = times
         square = np.bincount(kind, offset**2, len(times)) + 1
         times = np.sqrt(square / (np.bincount(kind, np.maximum(told, 0.0), len(times)) + 1))
-        times = np.clip(times, NARROWEST, WIDEST)
+        times = np.clip(times, NARROWEST, group.widest())
         if np.abs(np.log(times / before)).max(initial=0.0) < SETTLED / 2:
             break
     held = times[kind]
@@ -117,23 +138,80 @@ def minimise_by_evidence(
     """Minimise from offsets `start` (F,) with widths that follow the evidence.
 
     Without `times` (K,) they begin weak, weighed by a small noise: at a start far off the
-    residuals are large, and a prior weighed by these would hold the fit there.
+    residuals are large, and a prior weighed by these would hold the fit there. Where that leaves
+    doubts, other ways are tried from the same start, and the one the evidence is for is taken.
     """
-    weak = times is None
+    if times is not None:
+        held = (minimise(evaluate, start, group.sigma, group.information(times), least_noise),)
+        return _tightened(evaluate, held, group, times, least_noise)
+    weak = group.weak()
+    held = _weakly_held(evaluate, start, group, weak, least_noise)
+    first = _tightened(evaluate, held, group, weak, least_noise)
+    if not _doubtful(first):
+        return first
+    found = [first]
+    for way in (first.times, np.ones(len(weak)), None):
+        held = _other(evaluate, start, group, way, least_noise)
+        found.append(
+            _tightened(evaluate, held, group, first.times if way is None else way, least_noise)
+        )
+    best = max(found, key=lambda one: one.evidence)
+    every = tuple(fit for one in found if one is not best for fit in one.fits)
+    return Settled((*every, *best.fits), best.times, best.evidence)
+
+
+def _doubtful(settled: Settled) -> bool:
+    """Whether a minimum may be another than the one that the data are for."""
+    fit = settled.fit
+    stopped = not all(one.converged for one in settled.fits)
+    return stopped or fit.quadratic.terms < FEW * len(fit.x) or fit.kappa > APART**2
+
+
+def _other(
+    evaluate: Evaluate, start: Array, group: Group, times: Array | None, least_noise: float
+) -> tuple[Fit, ...]:
+    """From the start with widths already known, or without any prior."""
     if times is None:
-        times = np.full(int(group.kind.max(initial=-1)) + 1, WEAK)
-    kappa = FIRST_NOISE**2 if weak else None
+        return (minimise(evaluate, start, group.sigma, np.zeros(len(start)), least_noise),)
     information = group.information(times)
-    fits = [minimise(evaluate, start, group.sigma, information, least_noise, kappa)]
-    for _ in range(MOST_ROUNDS):
+    kappa = None if (times == 1).all() else FIRST_NOISE**2
+    return (minimise(evaluate, start, group.sigma, information, least_noise, kappa),)
+
+
+def _tightened(
+    evaluate: Evaluate, fits: tuple[Fit, ...], group: Group, times: Array, least_noise: float
+) -> Settled:
+    """Widths and minimum in turn, until the widths settle."""
+    for number in range(MOST_ROUNDS):
         fit = fits[-1]
         noise = residual_noise(fit.quadratic, group.sigma, least_noise)
         before = times
         times, evidence = widths(fit.quadratic, fit.x, noise, group, before)
         change = np.abs(np.log(times / before)).max(initial=0.0)
-        if change < SETTLED and not (weak and len(fits) == 1):
+        if change < SETTLED and number:
             times = before
             break
         information = group.information(times)
-        fits.append(minimise(evaluate, fit.x, group.sigma, information, least_noise))
-    return Settled(tuple(fits), times, evidence)
+        fits += (minimise(evaluate, fit.x, group.sigma, information, least_noise),)
+    return Settled(fits, times, evidence)
+
+
+def _weakly_held(
+    evaluate: Evaluate, start: Array, group: Group, times: Array, least_noise: float
+) -> tuple[Fit, ...]:
+    """Minima with a prior that is weighed by less and less, as long as the residuals fall with
+    it; the last one is where the tightening begins."""
+    information = group.information(times)
+    scale = times[group.kind] * group.sigma
+    fits: tuple[Fit, ...] = ()
+    left, kappa = np.inf, FIRST_NOISE**2
+    for _ in range(MOST_ROUNDS):
+        fit = minimise(evaluate, start, scale, information, least_noise, kappa)
+        noise = residual_noise(fit.quadratic, group.sigma, least_noise)
+        if noise > LOWER * left:
+            break
+        fits += (fit,)
+        start, left, kappa = fit.x, noise, noise / 100
+        if noise < LEAST_NOISE**2:
+            break
+    return fits
