@@ -36,6 +36,8 @@ LOWER = 0.25
 #: with fewer terms than so many for each parameter, or residuals larger than this (m), a minimum
 #: may be another than the one that the data are for
 FEW, APART = 1.5, 3e-4
+#: m, a residual is held to be no less where there are few
+FEW_NOISE = 1e-7
 #: widths are settled when none changes by more than this part
 SETTLED = 0.02
 MOST_ROUNDS = 6
@@ -79,42 +81,51 @@ def groups(table: ParameterTable, sigma: Array) -> tuple[tuple[str, ...], Group]
     return kinds, Group(sigma, np.array(kind, dtype=np.int64))
 
 
-def widths(
-    quadratic: Quadratic, x: Array, kappa: float, group: Group, times: Array
-) -> tuple[Array, float]:
-    """By how many times (K,) the parameters of each kind are off what is usual, and the logarithm
-    of the evidence for that.
+@dataclass(frozen=True)
+class Widths:
+    """`times` (K,) what is usual, a residual's mean square `noise` (m^2), the logarithm of the
+    `evidence` for both, and how far the data tell each parameter, `told` (F,), 0 to 1."""
 
-    The objective is taken as `quadratic` about offsets `x` (F,), `kappa` (m^2) is a residual's mean
+    times: Array
+    noise: float
+    evidence: float
+    told: Array
+
+
+def widths(
+    quadratic: Quadratic, x: Array, noise: float, group: Group, times: Array, few: bool = False
+) -> Widths:
+    """By how many times the parameters of each kind are off what is usual.
+
+    The objective is taken as `quadratic` about offsets `x` (F,), `noise` (m^2) is a residual's mean
     square; begun from `times` (K,). One offset as large as usual counts as seen beforehand of each
-    kind, so that nothing told leaves it at 1.
+    kind, so that nothing told leaves it at 1. Where residuals are `few` they do not tell the noise
+    before it is known how many the parameters take up: both are found together.
     """
-    noise = max(kappa, LEAST_NOISE**2)
-    sigma, kind = group.sigma, group.kind
-    normal = sigma[:, None] * quadratic.normal * sigma / noise
-    right = normal @ (x / sigma) - sigma * quadratic.gradient / noise
-    told: Array = np.zeros(len(x))
-    offset: Array = np.zeros(len(x))
+    sigma, kind, count = group.sigma, group.kind, len(times)
+    normal = sigma[:, None] * quadratic.normal * sigma
+    gradient, at = sigma * quadratic.gradient, x / sigma
+    right = normal @ at - gradient
     for _ in range(MOST_UPDATES):
         held = times[kind]
-        root = held[:, None] * normal * held
-        covariance = held[:, None] * np.linalg.inv(root + np.eye(len(x))) * held
-        offset = covariance @ right
-        told = 1 - np.diag(covariance) / held**2
-        before = times
-        square = np.bincount(kind, offset**2, len(times)) + 1
-        times = np.sqrt(square / (np.bincount(kind, np.maximum(told, 0.0), len(times)) + 1))
+        root = held[:, None] * normal * held / noise + np.eye(len(x))
+        inverse = np.linalg.inv(root)
+        offset = held * (inverse @ (held * right)) / noise
+        told: Array = np.clip(1 - np.diag(inverse), 0.0, 1.0)
+        left = offset - at
+        phi = max(quadratic.phi + float(left @ (2 * gradient + normal @ left)), 0.0)
+        before, noise_before = times, noise
+        square = np.bincount(kind, offset**2, count) + 1
+        times = np.sqrt(square / (np.bincount(kind, told, count) + 1))
         times = np.clip(times, NARROWEST, group.widest())
-        if np.abs(np.log(times / before)).max(initial=0.0) < SETTLED / 2:
+        if few:
+            noise = max(phi / max(quadratic.terms - float(told.sum()), 1.0), FEW_NOISE**2)
+        change = np.abs(np.log(times / before)).max(initial=abs(np.log(noise / noise_before)))
+        if change < SETTLED / 2:
             break
-    held = times[kind]
-    _, size = np.linalg.slogdet(held[:, None] * normal * held + np.eye(len(x)))
-    left = offset - x / sigma
-    phi = quadratic.phi / noise + 2 * float(left @ (sigma * quadratic.gradient)) / noise
-    phi += float(left @ normal @ left)
-    evidence = phi + float((offset / held) @ (offset / held)) + size
-    evidence += quadratic.terms * float(np.log(noise))
-    return times, -0.5 * evidence
+    evidence = phi / noise_before + float((offset / held) @ (offset / held))
+    evidence += float(np.linalg.slogdet(root)[1]) + quadratic.terms * float(np.log(noise_before))
+    return Widths(times, noise, -0.5 * evidence, told)
 
 
 @dataclass(frozen=True)
@@ -182,18 +193,19 @@ def _tightened(
     evaluate: Evaluate, fits: tuple[Fit, ...], group: Group, times: Array, least_noise: float
 ) -> Settled:
     """Widths and minimum in turn, until the widths settle."""
+    few = fits[-1].quadratic.terms < FEW * len(group.sigma)
     for number in range(MOST_ROUNDS):
         fit = fits[-1]
-        noise = residual_noise(fit.quadratic, group.sigma, least_noise)
-        before = times
-        times, evidence = widths(fit.quadratic, fit.x, noise, group, before)
-        change = np.abs(np.log(times / before)).max(initial=0.0)
+        noise = residual_noise(fit.quadratic, group.sigma, max(least_noise, LEAST_NOISE**2))
+        found = widths(fit.quadratic, fit.x, noise, group, times, few)
+        change = np.abs(np.log(found.times / times)).max(initial=0.0)
         if change < SETTLED and number:
-            times = before
             break
+        times = found.times
         information = group.information(times)
-        fits += (minimise(evaluate, fit.x, group.sigma, information, least_noise),)
-    return Settled(fits, times, evidence)
+        kappa = max(found.noise, least_noise) if few else None
+        fits += (minimise(evaluate, fit.x, group.sigma, information, least_noise, kappa),)
+    return Settled(fits, times, found.evidence)
 
 
 def _weakly_held(
