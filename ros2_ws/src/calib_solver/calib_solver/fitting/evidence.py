@@ -75,7 +75,7 @@ class Group:
 
 
 def groups(table: ParameterTable, sigma: Array) -> tuple[tuple[str, ...], Group]:
-    """The kinds (K,) of a table's free parameters, and these by kind; `sigma` (F,) as in `Group`."""
+    """The kinds (K,) of a table's free parameters, by kind; `sigma` (F,) is `Group`'s."""
     kinds = tuple(dict.fromkeys(parameter.kind for parameter in table.free))
     kind = [kinds.index(parameter.kind) for parameter in table.free]
     return kinds, Group(sigma, np.array(kind, dtype=np.int64))

@@ -66,7 +66,8 @@ def usable_strength(strength: float) -> bool:
 def parse_prior(text: str, source: str = 'prior') -> Prior:
     """A prior from YAML text: `sigma: {a: 0.001, alpha: 0.002, ...}`, `strength: 2.0`.
 
-    Kinds that are left out keep their default; with `strength: auto` the evidence says how wide they are.
+    Kinds that are left out keep their default; with `strength: auto` the evidence scales
+    them all.
 
     Raises:
         DescriptionError: an unknown kind, or a value that is no positive number.

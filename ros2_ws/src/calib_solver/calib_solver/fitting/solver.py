@@ -39,6 +39,7 @@ class Solver:
         self.least_noise = 0.0
         self.kinds, self.group = groups(table, self.scale)
         self.times: Array | None = None
+        self.follows = False
         self.history: tuple[float, ...] = ()
         self.iterations = 0
         self.evaluations = 0
@@ -57,7 +58,7 @@ class Solver:
 
     def solve(self, problem: Problem) -> Fit:
         """The minimum, started from where the last one was found."""
-        evidence = self.options.prior.evidence and len(self.start) > 0
+        evidence = self.options.prior.evidence and len(self.start) > 0 and not self.follows
         fits = self._by_evidence(problem) if evidence else self._as_given(problem)
         for fit in fits:
             self.iterations += fit.iterations
@@ -84,10 +85,16 @@ class Solver:
             lambda x: self.value(problem, x), self.start, self.group, self.times, self.least_noise
         )
         self.times = settled.times
-        found = dict(zip(self.kinds, map(float, settled.times), strict=True))
+        self._take_widths()
+        return settled.fits
+
+    def _take_widths(self) -> None:
+        """The prior as wide as the evidence has it."""
+        if self.times is None:
+            return
+        found = dict(zip(self.kinds, map(float, self.times), strict=True))
         self.options = replace(self.options, prior=replace(self.options.prior, times=found))
         self.information = self.options.prior.information(self.table)
-        return settled.fits
 
     def follow(self, leader: Solver, problem: Problem) -> None:
         """Start from another objective's minimum; eq. 13 takes the poses' noise from there.
@@ -97,7 +104,12 @@ class Solver:
         """
         self.start = leader.solve(problem).x
         self.iterations, self.evaluations = leader.iterations, leader.evaluations
-        if self.options.objective == 'distance' and len(problem.pairs):
+        if self.options.objective != 'distance':
+            return
+        # nor do they tell the widths as the poses do
+        self.times, self.follows = leader.times, True
+        self._take_widths()
+        if len(problem.pairs):
             sums = self.sums(problem, self.start)
             each = (1 / np.maximum(sums.count, 1))[problem.pairs].sum(axis=1)
             self.least_noise = pose_variance(sums) * float(each.mean())
@@ -109,6 +121,11 @@ class Solver:
         self.start = full[self.table.free_columns] - self.nominal
         self.iterations, self.evaluations = narrower.iterations, narrower.evaluations
         self.least_noise = narrower.least_noise
+        if narrower.times is not None:
+            known = dict(zip(narrower.kinds, narrower.times, strict=True))
+            self.times = np.array([known.get(kind, 1.0) for kind in self.kinds])
+            self.follows = narrower.follows
+            self._take_widths()
 
     def account(self, problem: Problem, fit: Fit) -> Fit:
         """The last fit with the work of all of them, from the nominal parameters on."""

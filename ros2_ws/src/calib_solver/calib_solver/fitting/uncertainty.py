@@ -28,6 +28,8 @@ BY_FAR = 100.0
 ASSUMED_NOISE = 5e-5
 #: m or rad, of what neither poses nor a prior tell
 UNKNOWN = 1.0
+#: spheres this much nearer to one line, or plane, than they are apart stand on it
+LINE = 1e-2
 #: directions whose part of J'J is below this one of the largest are rounding
 ROUNDING = 1e-14
 
@@ -77,9 +79,7 @@ def estimate_uncertainty(
 
     `information` (F,) is strength / sigma^2 of the prior, `kappa` its weight in the cost.
     """
-    assumed = redundancy(sums) < 1
-    slope = distance_errors(problem, sums)[1] if name == 'distance' else None
-    noise = ASSUMED_NOISE**2 if assumed else pose_variance(sums, slope)
+    noise, assumed = noise_variance(problem, name, sums, quadratic)
     parts = gradient_noise(problem, name, sums)
     prior = kappa * information
     held = directions_held(quadratic.normal, prior)
@@ -98,6 +98,45 @@ def estimate_uncertainty(
 def redundancy(sums: SphereSums) -> int:
     """Coordinates of poses beyond their spheres' means, less the free parameters."""
     return 3 * int(np.maximum(sums.count - 1, 0).sum()) - sums.gradient.shape[1]
+
+
+def noise_variance(
+    problem: Problem, name: str, sums: SphereSums, quadratic: Quadratic
+) -> tuple[float, bool]:
+    """Variance (m^2) of one pose's coordinate, and whether it had to be assumed.
+
+    Told by the poses about their spheres' means where they are redundant; where every sphere has
+    about one pose, by what the parameters leave of the distances to the certificate's points.
+    """
+    if redundancy(sums) >= 1:
+        slope = distance_errors(problem, sums)[1] if name == 'distance' else None
+        return pose_variance(sums, slope), False
+    rank = _inverse(quadratic.normal)[1]
+    # of a coordinate, by the certificate alone
+    certified = (problem.measured.gauge.constant / 2) ** 2 / 2
+    if name == 'position':
+        freedom = quadratic.terms - rank
+        left = quadratic.phi / max(freedom, 1) - certified
+    else:
+        independent = sum(_independent_distances(problem, rows) for rows in problem.placements)
+        freedom = independent - rank
+        error, _ = distance_errors(problem, sums)
+        square = float(error @ error) / max(len(error), 1) * independent / max(freedom, 1)
+        each = (1 / np.maximum(sums.count, 1))[problem.pairs].sum(axis=1)
+        left = (square - 2 * certified) / max(float(np.sum(each)) / max(len(error), 1), 1e-300)
+    return (ASSUMED_NOISE**2, True) if freedom < 1 else (max(left, 0.0), False)
+
+
+def _independent_distances(problem: Problem, rows: IntArray) -> int:
+    """How many of the distances among the spheres `rows` of one placement do not follow from the
+    others, to first order: those along a line, in a plane, in space."""
+    if len(rows) < 2:
+        return 0
+    gauge = problem.measured.gauge
+    centers = np.array([gauge.center(int(number)) for number in problem.keys[rows, 1]])
+    values = np.linalg.svd(centers - centers.mean(axis=0), compute_uv=False)
+    extent = int((values > LINE * values[0]).sum())
+    return extent * len(rows) - extent * (extent + 1) // 2
 
 
 def _told_and_untold(hessian: Array, information: Array, strength: float) -> tuple[Array, Array]:
@@ -259,6 +298,10 @@ def _gradient_shares(problem: Problem, name: str, sums: SphereSums) -> Array:
         shares += repeatability_weights(sums)[:, None] * sums.gradient
     if name == 'position':
         shares += sums.gradient
+        for rows in problem.placements:
+            fitted = fit_placement(problem, sums, rows)
+            slope = fitted.slope.reshape(len(rows), 3, -1)
+            shares[rows] += np.einsum('skf,sk->sf', slope, fitted.residual.reshape(-1, 3))
     if name in ('distance_repeatability', 'distance'):
         error, slope = distance_errors(problem, sums)
         half = 0.5 * error[:, None] * slope
