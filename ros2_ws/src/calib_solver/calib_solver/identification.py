@@ -24,6 +24,7 @@ from calib_solver.faults import (
     Rejected,
     beyond_certificate,
     clean,
+    distance_warnings,
     named_numbers,
     named_scale,
     named_sphere,
@@ -172,6 +173,7 @@ def identify(
         fit.kappa,
         solver.information,
         options.prior.strength,
+        solver.wider(fit),
     )
     joint_errors = table.joint_errors(full)
     model = Correction(arm.joint_names, joint_errors) if joint_errors is not None else None
@@ -184,6 +186,9 @@ def identify(
     held = fit.kappa * solver.information
     other_distances = () if poses_lie_apart else beyond_certificate(identified.distance)
     warnings = poses_lie_apart + warnings
+    warnings += distance_warnings(
+        options.objective, initial, identified, options.prior.widths(table), uncertainty.standard
+    )
     warnings += named_numbers(problem, initial.spheres.center) or (
         (named_sphere(problem, sums, held, uncertainty.misfit) or other_distances)
         + named_scale(table, full, sigma)

@@ -152,6 +152,7 @@ def minimise_by_evidence(
     residuals are large, and a prior weighed by these would hold the fit there. Where that leaves
     doubts, other ways are tried from the same start, and the one the evidence is for is taken.
     """
+    held: tuple[Fit, ...]
     if times is not None:
         held = (minimise(evaluate, start, group.sigma, group.information(times), least_noise),)
         return _tightened(evaluate, held, group, times, least_noise)

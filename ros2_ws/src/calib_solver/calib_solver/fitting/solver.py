@@ -12,7 +12,7 @@ from calib_model.arrays import Array
 from calib_model.errors import DataError, FitError, RankError
 from calib_model.instruments import Arm, PassiveProbe, Probe
 from calib_model.kinematics import ParameterTable
-from calib_solver.fitting.evidence import groups, minimise_by_evidence
+from calib_solver.fitting.evidence import groups, minimise_by_evidence, widths
 from calib_solver.fitting.levenberg_marquardt import ROUNDING, Fit, minimise
 from calib_solver.fitting.objectives import Objective, Quadratic, objective
 from calib_solver.fitting.options import Options
@@ -95,6 +95,15 @@ class Solver:
         found = dict(zip(self.kinds, map(float, self.times), strict=True))
         self.options = replace(self.options, prior=replace(self.options.prior, times=found))
         self.information = self.options.prior.information(self.table)
+
+    def wider(self, fit: Fit) -> Array:
+        """How many times (F,), 1 or more, a prior that was given may be too narrow at a minimum."""
+        prior = self.options.prior
+        if prior.evidence or prior.strength == 0 or len(fit.x) == 0:
+            return np.ones(len(fit.x))
+        noise = max(fit.kappa, ROUNDING**2)
+        found = widths(fit.quadratic, fit.x, noise, self.group, np.ones(len(self.kinds)))
+        return np.maximum(found.times, 1.0)[self.group.kind]
 
     def follow(self, leader: Solver, problem: Problem) -> None:
         """Start from another objective's minimum; eq. 13 takes the poses' noise from there.

@@ -74,10 +74,12 @@ def estimate_uncertainty(
     kappa: float,
     information: Array,
     strength: float,
+    wider: Array | float = 1.0,
 ) -> Uncertainty:
     """The covariance at the minimum of objective `name`.
 
-    `information` (F,) is strength / sigma^2 of the prior, `kappa` its weight in the cost.
+    `information` (F,) is strength / sigma^2 of the prior, `kappa` its weight in the cost;
+    the parameters may be off `wider` (F,) times as far as it says.
     """
     noise, assumed = noise_variance(problem, name, sums, quadratic)
     parts = gradient_noise(problem, name, sums)
@@ -87,8 +89,8 @@ def estimate_uncertainty(
     hessian = quadratic.normal + np.diag(prior)
     scatter = noise * misfit * parts.by_pose.sum(axis=0) + parts.by_certificate
     # the truth lies about nominal as the prior says: its pull is an error of that size
-    pull = kappa**2 * information * strength
-    inverse, untold = _told_and_untold(hessian, information, strength)
+    pull = kappa**2 * information * strength * wider**2
+    inverse, untold = _told_and_untold(hessian, information, strength * wider**2)
     # by way of a square root of the scatter, so that rounding leaves no negative variance
     squares, axes = np.linalg.eigh(scatter + np.diag(pull))
     root = inverse @ (axes * np.sqrt(np.maximum(squares, 0.0)))
@@ -139,12 +141,14 @@ def _independent_distances(problem: Problem, rows: IntArray) -> int:
     return extent * len(rows) - extent * (extent + 1) // 2
 
 
-def _told_and_untold(hessian: Array, information: Array, strength: float) -> tuple[Array, Array]:
+def _told_and_untold(
+    hessian: Array, information: Array, strength: Array | float
+) -> tuple[Array, Array]:
     """The inverse (F, F) along what was held in the fit, and the covariance (F, F) of the rest: the
     prior's own, which had no weight where nothing was left over, or `UNKNOWN` without one."""
     sigma = np.full(len(information), UNKNOWN)
     known = information > 0
-    sigma[known] = np.sqrt(strength / information[known])
+    sigma[known] = np.sqrt((strength * np.ones(len(sigma)))[known] / information[known])
     values, vectors = np.linalg.eigh(sigma[:, None] * hessian * sigma)
     held = values > ROUNDING * values.max(initial=1e-300)
     if held.all():
@@ -300,8 +304,9 @@ def _gradient_shares(problem: Problem, name: str, sums: SphereSums) -> Array:
         shares += sums.gradient
         for rows in problem.placements:
             fitted = fit_placement(problem, sums, rows)
-            slope = fitted.slope.reshape(len(rows), 3, -1)
-            shares[rows] += np.einsum('skf,sk->sf', slope, fitted.residual.reshape(-1, 3))
+            by_sphere = fitted.slope.reshape(len(rows), 3, -1)
+            residual = fitted.residual.reshape(-1, 3)
+            shares[rows] += np.einsum('skf,sk->sf', by_sphere, residual)
     if name in ('distance_repeatability', 'distance'):
         error, slope = distance_errors(problem, sums)
         half = 0.5 * error[:, None] * slope

@@ -42,13 +42,14 @@ def _free(
     if unseen:
         return ParameterEstimate(parameter, value, None, False, unseen)
     uncertainty = float(done.uncertainty.standard[index])
-    before = done.options.prior.sigma[parameter.kind]
+    prior = done.options.prior
+    before = prior.sigma[parameter.kind] * prior.times.get(parameter.kind, 1.0)
     size = quantity(uncertainty, parameter.unit)
-    if done.options.prior.strength > 0 and uncertainty > TOLD * before:
+    if prior.strength > 0 and uncertainty > TOLD * before:
         reason = f'the poses tell it hardly better ({size}) than the prior did'
         return ParameterEstimate(parameter, value, uncertainty, False, reason)
     reason = f'told by the poses to {size}'
-    if done.options.prior.strength > 0 and uncertainty > 0:
+    if prior.strength > 0 and uncertainty > 0:
         times = before / uncertainty
         shown = f'{times:,.0f}' if times >= 100 else f'{times:.3g}'
         reason += f', {shown} times better than by the prior'
