@@ -22,8 +22,9 @@ from studies.scenes import (
 
 ABOUT = """
 A KR 5 sixx R650 with an active probe; rms error, um, of 300 predictions anywhere, median over the
-seeds, by no prior, by strengths of the usual one, and by the default (widths by the evidence). The arm's parameters are off in turn by
-a third of what the prior says, by that, and by three times as much. `helped`: seeds at which the
+seeds, by no prior, by strengths of the usual one, and by the default (widths by the evidence). The
+arm's parameters are off in turn by a third of what the prior says, by that, and by three times as
+much. `helped`: seeds at which the
 default is better than no prior; `ratio`: of their errors, median.
 """
 PRIORS = {

