@@ -10,7 +10,12 @@ from functools import cached_property
 from calib_model.arrays import Array
 from calib_model.errors import DataError
 from calib_model.instruments import Arm, Probe
-from calib_model.kinematics import Correction, ParameterTable, identifiable_table
+from calib_model.kinematics import (
+    DEFAULT_SIGMA,
+    Correction,
+    ParameterTable,
+    identifiable_table,
+)
 from calib_model.measurement import Measurement
 from calib_solver.error_models import (
     CorrectionChoice,
@@ -24,6 +29,7 @@ from calib_solver.error_models import (
 from calib_solver.faults import (
     Rejected,
     certificate_warnings,
+    distance_warnings,
     named_numbers,
     named_scale,
     parameter_warnings,
@@ -37,12 +43,12 @@ from calib_solver.fitting import (
     LEADING,
     LOSSES,
     Accumulate,
-    CrossValidation,
     Descent,
     Fit,
     Observability,
     Options,
     ParameterEstimate,
+    Prior,
     ProbeFit,
     Solver,
     Uncertainty,
@@ -83,7 +89,6 @@ class Identification:
     rejected: tuple[Rejected, ...]
     seconds: float
     warnings: tuple[str, ...]
-    cross_validation: CrossValidation | None = None
     least_noise: float = 0.0
     joint_error_choice: JointErrorChoice | None = None
     choice_12: CorrectionChoice | None = None
@@ -120,6 +125,7 @@ class _Prepared:
 
     problem: Problem
     initial: Quality
+    solver: Solver
     descent: Descent
     rejected: tuple[Rejected, ...]
     mount: ProbeFit | None
@@ -135,7 +141,6 @@ class _Solved:
     fit: Fit
     sums: SphereSums
     least_noise: float
-    cross_validation: CrossValidation | None
     joint_errors: JointErrorChoice | None
 
 
@@ -144,8 +149,8 @@ def identify(
 ) -> Identification:
     """Eq. 11 (or the chosen objective) minimised from the nominal parameters.
 
-    `passes` adds up the sums per sphere; `options.prior` of the result has the strength that
-    cross-validation chose where it was asked to.
+    `passes` adds up the sums per sphere; `options.prior` of the result has the widths that the
+    evidence gave it where they are left to that.
 
     Raises:
         DataError: the poses do not fit the descriptions, or there are not enough of them.
@@ -157,7 +162,7 @@ def identify(
     table = identifiable_table(measured.arm, measured.probe, options.fix, options.free)
     solver = Solver(table, options, passes)
     prepared = _prepared(measured, solver)
-    solved = _solved(prepared, solver)
+    solved = _solved(prepared)
     done = _judged(prepared, solved)
     done = replace(done, warnings=_warnings(measured, table, prepared, solved, done))
     if options.correction != 'off':
@@ -202,15 +207,15 @@ def _prepared(measured: Measurement, solver: Solver) -> _Prepared:
     else:
         warnings = tuple(one.line(len(measured.poses)) for one in stretches)
     if leader is not solver:
-        descent = solver.behind(leader, problem, descent)
-    return _Prepared(problem, initial, descent, rejected, mount, warnings, stuck_throughout)
+        solver, descent = solver.behind(leader, problem, descent)
+    return _Prepared(problem, initial, solver, descent, rejected, mount, warnings, stuck_throughout)
 
 
-def _solved(prepared: _Prepared, solver: Solver) -> _Solved:
-    """The minimum, with the prior and the joint errors that were left to be chosen."""
+def _solved(prepared: _Prepared) -> _Solved:
+    """The minimum, with the widths and the joint errors that were left to be found."""
     problem = prepared.problem
-    solver, descent, chosen = solver.with_chosen_prior(problem, prepared.descent)
-    fit, descent = solver.solve(problem, descent)
+    fit, descent = prepared.solver.solve(problem, prepared.descent)
+    solver = prepared.solver.with_widths(descent)
     errors: JointErrorChoice | None = None
     if solver.options.joint_errors:
         errors = choose_joint_errors(problem, solver, fit)
@@ -218,9 +223,10 @@ def _solved(prepared: _Prepared, solver: Solver) -> _Solved:
             table = table_with(solver.table, problem, errors.accepted, solver.options.links)
             solver, descent = solver.widened(table, descent)
             fit, descent = solver.solve(problem, descent)
+            solver = solver.with_widths(descent)
     fit = solver.whole(problem, fit, descent)
     sums = solver.sums(problem, fit.x)
-    return _Solved(solver, fit, sums, descent.least_noise, chosen, errors)
+    return _Solved(solver, fit, sums, descent.least_noise, errors)
 
 
 def _judged(prepared: _Prepared, solved: _Solved) -> Identification:
@@ -238,6 +244,7 @@ def _judged(prepared: _Prepared, solved: _Solved) -> Identification:
         fit.kappa,
         solver.information,
         options.prior.strength,
+        solver.wider(fit),
     )
     errors = table.joint_errors(full)
     model = Correction(arm.joint_names, errors) if errors is not None else None
@@ -257,7 +264,6 @@ def _judged(prepared: _Prepared, solved: _Solved) -> Identification:
         rejected=prepared.rejected,
         seconds=0.0,
         warnings=prepared.warnings,
-        cross_validation=solved.cross_validation,
         least_noise=solved.least_noise,
         joint_error_choice=solved.joint_errors,
     )
@@ -277,7 +283,8 @@ def _warnings(
     of_poses: tuple[str, ...] = ()
     # eq. 13 does not look at the poses and leaves them scattered: that is no sign of anything
     if done.options.objective != 'distance' and not prepared.stuck_throughout:
-        plain = Solver(table, Options(), accumulate)
+        # a firm prior keeps hypotheses that fit nothing from wandering for long
+        plain = Solver(table, Options(prior=Prior(DEFAULT_SIGMA)), accumulate)
         of_poses = pose_warnings(
             measured, done.problem, plain, done.arm, done.probe, done.identified, done.rejected
         )
@@ -286,12 +293,19 @@ def _warnings(
     of_certificate = certificate_warnings(
         done.problem, solved.sums, held, done.uncertainty.misfit, done.uncertainty.noise**2
     )
+    of_distances = distance_warnings(
+        done.options.objective,
+        done.initial,
+        done.identified,
+        done.options.prior.widths(done.table),
+        done.uncertainty.standard,
+    )
     of_result = named_numbers(done.problem, done.initial.spheres.center) or (
         (() if of_poses else of_certificate)
         + named_scale(done.table, done.full, solver.scale)
         + parameter_warnings(done.table, done.full, solver.scale, done.uncertainty.standard)
     )
-    return of_poses + prepared.warnings + of_result
+    return of_poses + prepared.warnings + of_distances + of_result
 
 
 def _corrected(done: Identification) -> Identification:

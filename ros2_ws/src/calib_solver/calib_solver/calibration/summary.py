@@ -6,7 +6,7 @@ from __future__ import annotations
 from calib_model.errors import LONGEST_LINE
 from calib_solver.calibration.calibration import Calibration
 from calib_solver.quality import Quality
-from calib_solver.results import Record, quality_record, resampling_lines
+from calib_solver.results import Record, prior_words, quality_record, resampling_lines
 
 ROWS = (
     ('distance error, mean', 'distance', 'mean'),
@@ -88,15 +88,8 @@ def beyond_lines(record: Record) -> list[str]:
 
 
 def prior_lines(record: Record) -> list[str]:
-    """What cross-validation chose of what, where it was asked to."""
-    found = record['cross_validation']
-    if found is None:
-        return []
-    tried = ', '.join(f'{one["strength"]:g}: {one["score"] * 1e3:.4f}' for one in found['tried'])
-    return [
-        f'prior of strength {record["strength"]:g}, chosen by leaving out {found["left_out"]} '
-        f'({found["folds"]} parts; rms left out, mm, by strength: {tried})'
-    ]
+    """What widths came out where these were left to the evidence."""
+    return [prior_words(record)] if record['times'] else []
 
 
 def table(columns: dict[str, Quality]) -> list[str]:

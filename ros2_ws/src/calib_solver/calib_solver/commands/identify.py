@@ -82,7 +82,7 @@ def arguments() -> CommandParser:
         '--prior',
         default='',
         metavar='CHOICE',
-        help='none, a strength (default 2), auto (cross-validation over locations chooses it), '
+        help='auto (default: as wide as the poses themselves say), none, a strength, '
         'or a YAML file of standard deviations',
     )
     parser.add_argument(

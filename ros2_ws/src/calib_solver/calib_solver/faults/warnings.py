@@ -27,6 +27,8 @@ FAR = 10.0
 #: as long as it is told from nominal at all: so many times its own uncertainty
 TOLD = 5.0
 NAMED = 3
+#: a parameter whose uncertainty stays above this part of what it is off anyway was not told
+UNTOLD = 0.7
 
 
 def pose_warnings(
@@ -57,6 +59,28 @@ def pose_warnings(
     )
 
 
+def distance_warnings(
+    name: str, initial: Quality, identified: Quality, width: Array, uncertainty: Array
+) -> tuple[str, ...]:
+    """A line where distances alone, objective `name`, tell too little to be used.
+
+    `uncertainty` (F,) is that of the free parameters, `width` (F,) what they are off without any
+    pose, m and rad.
+    """
+    if name != 'distance':
+        return ()
+    untold = int((uncertainty > UNTOLD * width).sum())
+    grown = identified.spread / max(initial.spread, SMALL)
+    said = []
+    if grown > 1:
+        said.append(f'the poses of one sphere lie {grown:.1f} times as far apart as before')
+    if 2 * untold > len(width):
+        said.append(f'{untold} of {len(width)} parameters are hardly told')
+    if not said:
+        return ()
+    return (f'distances alone do not do here: {", ".join(said)}; eq. 11 looks at the poses too',)
+
+
 def parameter_warnings(
     table: ParameterTable, full: Array, sigma: Array, uncertainty: Array
 ) -> tuple[str, ...]:
@@ -80,5 +104,6 @@ def parameter_warnings(
     more = f' and {len(rows) - NAMED} more' if len(rows) > NAMED else ''
     return (
         f'further from nominal than {FAR:.0f} times what is usual: {", ".join(named)}{more}: is '
-        "the description this arm's, are its joints mastered?",
+        "the description this arm's, are its joints mastered? The stated uncertainty counts on "
+        'parameters as far off as that',
     )

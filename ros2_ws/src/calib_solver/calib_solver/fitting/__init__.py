@@ -6,9 +6,6 @@ from typing import TYPE_CHECKING
 from calib_model.lazy import lazily
 
 if TYPE_CHECKING:
-    from calib_solver.fitting.cross_validation import (
-        CrossValidation as CrossValidation,
-    )
     from calib_solver.fitting.levenberg_marquardt import (
         Fit as Fit,
         minimise as minimise,
@@ -38,7 +35,6 @@ if TYPE_CHECKING:
         quantity as quantity,
     )
     from calib_solver.fitting.prior import (
-        CANDIDATES as CANDIDATES,
         DEFAULT_PRIOR as DEFAULT_PRIOR,
         NO_PRIOR as NO_PRIOR,
         Prior as Prior,

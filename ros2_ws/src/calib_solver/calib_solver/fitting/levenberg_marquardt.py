@@ -91,16 +91,36 @@ class Fit:
     history: tuple[float, ...] = field(default=())
 
 
+def residual_noise(quadratic: Quadratic, scale: Array, least: float = 0.0) -> float:
+    """A residual's mean square, m^2: phi less what the data alone would still gain, per degree of
+    freedom, and no less than `least`; `scale` (F,) as in `minimise`."""
+    free = len(scale)
+    freedom = quadratic.terms - free
+    if freedom < 1:
+        return max(quadratic.phi / max(quadratic.terms, 1.0), least)
+    zero = np.zeros(free)
+    alone = modes(quadratic, scale, zero, zero)
+    within = alone.along[alone.seen] / alone.values[alone.seen]
+    left = max(quadratic.phi - float(within @ within), 0.0) / freedom
+    return max(left, least)
+
+
 def minimise(
-    evaluate: Evaluate, start: Array, scale: Array, information: Array, least_noise: float = 0.0
+    evaluate: Evaluate,
+    start: Array,
+    scale: Array,
+    information: Array,
+    least_noise: float = 0.0,
+    kappa: float | None = None,
 ) -> Fit:
     """Minimise phi(x) + kappa x'diag(information)x from `start` (F,).
 
     `evaluate(x)` gives the objective at offsets x from the nominal values; `scale` (F,) is each
     parameter's natural size (m, rad), in which steps are damped and judged; `least_noise` (m^2) is
-    a residual's mean square as known from elsewhere, below which kappa does not go.
+    a residual's mean square as known from elsewhere, below which kappa does not go. A `kappa` that
+    is given stays what it is.
     """
-    state = _State(evaluate, scale, information, start, least_noise)
+    state = _State(evaluate, scale, information, start, least_noise, kappa)
     if len(start) == 0:
         return state.fit(True, 'no free parameters')
     damping = LEAST_DAMPING
@@ -129,7 +149,13 @@ class _State:
     """The iterate with its cost; the prior's weight follows the objective."""
 
     def __init__(
-        self, evaluate: Evaluate, scale: Array, information: Array, start: Array, least: float
+        self,
+        evaluate: Evaluate,
+        scale: Array,
+        information: Array,
+        start: Array,
+        least: float,
+        kappa: float | None,
     ) -> None:
         self.evaluate = evaluate
         self.scale = scale
@@ -140,20 +166,13 @@ class _State:
         self.x = start
         self.quadratic = evaluate(start)
         self.phi_initial = self.quadratic.phi
-        self.kappa = self._noise(self.quadratic)
+        self.follows = kappa is None
+        self.kappa = self._noise(self.quadratic) if kappa is None else kappa
         self.history = [self.phi_initial]
         self._modes: Modes | None = None
 
     def _noise(self, quadratic: Quadratic) -> float:
-        """phi less what the data alone would still gain, per degree of freedom."""
-        freedom = quadratic.terms - len(self.x)
-        if freedom < 1:
-            return max(quadratic.phi / max(quadratic.terms, 1.0), self.least_noise)
-        zero = np.zeros(len(self.x))
-        free = modes(quadratic, self.scale, zero, zero)
-        within = free.along[free.seen] / free.values[free.seen]
-        left = max(quadratic.phi - float(within @ within), 0.0) / freedom
-        return max(left, self.least_noise)
+        return residual_noise(quadratic, self.scale, self.least_noise)
 
     @property
     def cost(self) -> float:
@@ -197,7 +216,8 @@ class _State:
         if not (rounding or lowered >= 1e-4 * gain):
             return False
         self.x, self.quadratic = candidate, quadratic
-        self.kappa = self._noise(quadratic)
+        if self.follows:
+            self.kappa = self._noise(quadratic)
         self.history.append(quadratic.phi)
         self._modes = None
         return True

@@ -53,7 +53,7 @@ def _free(
     if unseen:
         return ParameterEstimate(parameter, value, None, False, unseen)
     size = quantity(uncertainty, parameter.unit)
-    before = prior.sigma[parameter.kind]
+    before = prior.sigma[parameter.kind] * prior.times.get(parameter.kind, 1.0)
     if prior.strength > 0 and uncertainty > TOLD * before:
         reason = f'the poses tell it hardly better ({size}) than the prior did'
         return ParameterEstimate(parameter, value, uncertainty, False, reason)

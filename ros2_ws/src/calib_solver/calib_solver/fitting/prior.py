@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +19,6 @@ from calib_model.kinematics import DEFAULT_SIGMA, ParameterTable
 #: tell as much as one with an error of its own would
 DEFAULT_STRENGTH = 2.0
 
-#: what `auto` lets cross-validation choose from
-CANDIDATES = (0.1, 1.0, 10.0, 100.0, 1000.0)
-
 #: beyond these the arithmetic has no digits left: --fix and none say it better
 LEAST_STRENGTH, MOST_STRENGTH = 1e-12, 1e12
 LEAST_SIGMA, MOST_SIGMA = 1e-9, 1e3  # m or rad
@@ -30,27 +27,34 @@ STRENGTHS = f'expected zero or more: 0, or from {LEAST_STRENGTH:g} to {MOST_STRE
 
 @dataclass(frozen=True)
 class Prior:
-    """Standard deviations by kind of parameter (m or rad).
+    """Standard deviations by kind of parameter (m or rad), as they usually are.
 
     `strength` multiplies the prior's weight against the residuals' mean square; 0 is no prior.
-    Where there are `candidates`, cross-validation chooses the strength among them.
+    With `evidence` the data say how wide each kind is: `times` what is usual, once they have.
     """
 
     sigma: Mapping[str, float]
     strength: float = DEFAULT_STRENGTH
-    candidates: tuple[float, ...] = ()
+    evidence: bool = False
+    times: Mapping[str, float] = field(default_factory=dict)
 
     def sigmas(self, table: ParameterTable) -> Array:
-        """The standard deviation of every free parameter, shape (F,)."""
+        """The usual standard deviation of every free parameter, shape (F,)."""
         return np.array([self.sigma[parameter.kind] for parameter in table.free])
 
+    def widths(self, table: ParameterTable) -> Array:
+        """The standard deviation that every free parameter is held with, shape (F,)."""
+        times = np.array([self.times.get(parameter.kind, 1.0) for parameter in table.free])
+        widths: Array = times * self.sigmas(table)
+        return widths
+
     def information(self, table: ParameterTable) -> Array:
-        """strength / sigma^2 of every free parameter, shape (F,)."""
-        information: Array = self.strength / self.sigmas(table) ** 2
+        """strength / width^2 of every free parameter, shape (F,)."""
+        information: Array = self.strength / self.widths(table) ** 2
         return information
 
 
-DEFAULT_PRIOR = Prior(DEFAULT_SIGMA)
+DEFAULT_PRIOR = Prior(DEFAULT_SIGMA, 1.0, evidence=True)
 NO_PRIOR = Prior(DEFAULT_SIGMA, 0.0)
 
 
@@ -62,7 +66,8 @@ def usable_strength(strength: float) -> bool:
 def parse_prior(text: str, source: str = 'prior') -> Prior:
     """A prior from YAML text: `sigma: {a: 0.001, alpha: 0.002, ...}`, `strength: 2.0`.
 
-    Kinds that are left out keep their default; with `strength: auto` cross-validation chooses.
+    Kinds that are left out keep their default; with `strength: auto` the evidence scales
+    them all.
 
     Raises:
         DescriptionError: an unknown kind, or a value that is no positive number.
@@ -80,7 +85,7 @@ def parse_prior(text: str, source: str = 'prior') -> Prior:
                 span = f'{LEAST_SIGMA:g} to {MOST_SIGMA:g}'
                 raise given.refuse(kind, f'expected a standard deviation above zero: {span}')
     if top.content.get('strength') == 'auto':
-        return Prior(sigma, candidates=CANDIDATES)
+        return Prior(sigma, 1.0, evidence=True)
     strength = top.number('strength', DEFAULT_STRENGTH)
     if not usable_strength(strength):
         raise top.refuse('strength', STRENGTHS)
@@ -88,17 +93,16 @@ def parse_prior(text: str, source: str = 'prior') -> Prior:
 
 
 def chosen_prior(choice: str) -> Prior:
-    """The prior of a command's option: '' or 'default', 'none', 'auto', a strength or a file.
+    """The prior of a command's option: '', 'default' or 'auto' (its widths follow the evidence),
+    'none', a strength or a file.
 
     Raises:
         DescriptionError: a file that cannot be read or used.
     """
-    if choice in ('', 'default'):
+    if choice in ('', 'default', 'auto'):
         return DEFAULT_PRIOR
     if choice == 'none':
         return NO_PRIOR
-    if choice == 'auto':
-        return Prior(DEFAULT_SIGMA, candidates=CANDIDATES)
     try:
         strength = float(choice)
     except ValueError:

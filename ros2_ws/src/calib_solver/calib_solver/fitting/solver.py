@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,7 +13,7 @@ from calib_model.arrays import Array
 from calib_model.errors import DataError, FitError, RankError
 from calib_model.instruments import Arm, PassiveProbe, Probe
 from calib_model.kinematics import ParameterTable
-from calib_solver.fitting.cross_validation import CrossValidation, choose_strength
+from calib_solver.fitting.evidence import Group, groups, minimise_by_evidence, widths
 from calib_solver.fitting.levenberg_marquardt import ROUNDING, Fit, minimise
 from calib_solver.fitting.objectives import Objective, Quadratic, objective
 from calib_solver.fitting.options import Options
@@ -30,13 +30,15 @@ Accumulate = Callable[[Problem, ParameterTable, Array], SphereSums]
 @dataclass(frozen=True)
 class Descent:
     """How far a solution has come: `x` (F,) about nominal, where the next one starts, and the work
-    it took; `least_noise` (m^2) is what a residual's mean square is held to be at least."""
+    it took; `least_noise` (m^2) is what a residual's mean square is held to be at least, and
+    `times` how many times what is usual each kind of parameter is off, where that was found."""
 
     x: Array
     least_noise: float = 0.0
     iterations: int = 0
     evaluations: int = 0
     history: tuple[float, ...] = ()
+    times: Mapping[str, float] | None = None
 
     def after(self, fit: Fit) -> Descent:
         """With one more fit behind it."""
@@ -57,6 +59,7 @@ class Solver:
     table: ParameterTable
     options: Options
     passes: Accumulate
+    follows: bool = False  # the widths of the prior are those that another objective found
 
     @cached_property
     def objective(self) -> Objective:
@@ -77,6 +80,11 @@ class Solver:
     def information(self) -> Array:
         """What the prior knows of each free parameter, (F,)."""
         return self.options.prior.information(self.table)
+
+    @cached_property
+    def kinds(self) -> tuple[tuple[str, ...], Group]:
+        """The kinds of free parameters, each with a width of its own, and who is of which."""
+        return groups(self.table, self.scale)
 
     def full(self, x: Array) -> Array:
         """All columns from offsets of the free ones."""
@@ -118,7 +126,12 @@ class Solver:
         return Descent(fitted if better else nominal)
 
     def solve(self, problem: Problem, descent: Descent) -> tuple[Fit, Descent]:
-        """The minimum for a problem, from where the descent has come to."""
+        """The minimum for a problem, from where the descent has come to.
+
+        With widths that follow the evidence the descent has them afterwards: `with_widths`.
+        """
+        if self.options.prior.evidence and len(descent.x) and not self.follows:
+            return self._solve_by_evidence(problem, descent)
         fit = minimise(
             lambda x: self.value(problem, x),
             descent.x,
@@ -128,23 +141,58 @@ class Solver:
         )
         return fit, descent.after(fit)
 
+    def _solve_by_evidence(self, problem: Problem, descent: Descent) -> tuple[Fit, Descent]:
+        names, group = self.kinds
+        times = None
+        if descent.times is not None:
+            times = np.array([descent.times.get(name, 1.0) for name in names])
+        settled = minimise_by_evidence(
+            lambda x: self.value(problem, x), descent.x, group, times, descent.least_noise
+        )
+        for fit in settled.fits:
+            descent = descent.after(fit)
+        found = dict(zip(names, map(float, settled.times), strict=True))
+        return settled.fit, replace(descent, times=found)
+
+    def with_widths(self, descent: Descent) -> Solver:
+        """With the prior as wide as a descent found it."""
+        if descent.times is None:
+            return self
+        prior = replace(self.options.prior, times=dict(descent.times))
+        return replace(self, options=replace(self.options, prior=prior))
+
+    def wider(self, fit: Fit) -> Array:
+        """How many times (F,), 1 or more, a prior that was given may be too narrow at a minimum."""
+        prior = self.options.prior
+        if prior.evidence or prior.strength == 0 or len(fit.x) == 0:
+            return np.ones(len(fit.x))
+        names, group = self.kinds
+        noise = max(fit.kappa, ROUNDING**2)
+        found = widths(fit.quadratic, fit.x, noise, group, np.ones(len(names)))
+        return np.maximum(found.times, 1.0)[group.kind]
+
     def arm_and_probe(self, problem: Problem, descent: Descent) -> tuple[Arm, Probe]:
         """The arm and probe that a descent has come to."""
         return self.table.apply(self.full(descent.x), problem.measured.arm, problem.measured.probe)
 
-    def behind(self, leader: Solver, problem: Problem, descent: Descent) -> Descent:
-        """A start at another objective's minimum; eq. 13 takes the poses' noise from there.
+    def behind(self, leader: Solver, problem: Problem, descent: Descent) -> tuple[Solver, Descent]:
+        """A start at another objective's minimum; eq. 13 takes the widths and the poses' noise from
+        there.
 
         Distances alone are often fewer than the parameters: fitted to nothing, they would say
         that there is no noise, and the prior would lose all its weight.
         """
         _, led = leader.solve(problem, descent)
         start = replace(led, history=())
-        if self.options.objective != 'distance' or not len(problem.pairs):
-            return start
+        if self.options.objective != 'distance':
+            return self, replace(start, times=None)
+        following = replace(self.with_widths(led), follows=True)
+        if not len(problem.pairs):
+            return following, start
         sums = self.sums(problem, start.x)
         each = (1 / np.maximum(sums.count, 1))[problem.pairs].sum(axis=1)
-        return replace(start, least_noise=pose_variance(sums) * float(each.mean()))
+        noise = pose_variance(sums) * float(each.mean())
+        return following, replace(start, least_noise=noise)
 
     def widened(self, table: ParameterTable, descent: Descent) -> tuple[Solver, Descent]:
         """The same with a table of more columns, and the descent as a start for it."""
@@ -152,18 +200,6 @@ class Solver:
         full = table.nominal.copy()
         full[self.table.free_columns] += descent.x
         return wider, replace(descent, x=wider.offsets(full), history=())
-
-    def with_chosen_prior(
-        self, problem: Problem, descent: Descent
-    ) -> tuple[Solver, Descent, CrossValidation | None]:
-        """The prior's strength settled, where that is left to cross-validation."""
-        prior, name = self.options.prior, self.options.objective
-        if not prior.candidates:
-            return self, descent, None
-        fit, descent = self.solve(problem, descent)
-        chosen = choose_strength(problem, self.table, name, prior, fit.x, descent.least_noise)
-        prior = replace(prior, strength=chosen.chosen, candidates=())
-        return replace(self, options=replace(self.options, prior=prior)), descent, chosen
 
     def whole(self, problem: Problem, fit: Fit, descent: Descent) -> Fit:
         """The last fit with the work of all of them, from the nominal parameters on.

@@ -28,6 +28,8 @@ BY_FAR = 100.0
 ASSUMED_NOISE = 5e-5
 #: m or rad, of what neither poses nor a prior tell
 UNKNOWN = 1.0
+#: spheres this much nearer to one line, or plane, than they are apart stand on it
+LINE = 1e-2
 #: directions whose part of J'J is below this one of the largest are rounding
 ROUNDING = 1e-14
 
@@ -72,14 +74,14 @@ def estimate_uncertainty(
     kappa: float,
     information: Array,
     strength: float,
+    wider: Array | float = 1.0,
 ) -> Uncertainty:
     """The covariance at the minimum of objective `name`.
 
-    `information` (F,) is strength / sigma^2 of the prior, `kappa` its weight in the cost.
+    `information` (F,) is strength / sigma^2 of the prior, `kappa` its weight in the cost;
+    the parameters may be off `wider` (F,) times as far as it says.
     """
-    assumed = redundancy(sums) < 1
-    slope = distance_errors(problem, sums)[1] if name == 'distance' else None
-    noise = ASSUMED_NOISE**2 if assumed else pose_variance(sums, slope)
+    noise, assumed = noise_variance(problem, name, sums, quadratic)
     parts = gradient_noise(problem, name, sums)
     prior = kappa * information
     held = directions_held(quadratic.normal, prior)
@@ -87,8 +89,8 @@ def estimate_uncertainty(
     hessian = quadratic.normal + np.diag(prior)
     scatter = noise * misfit * parts.by_pose.sum(axis=0) + parts.by_certificate
     # the truth lies about nominal as the prior says: its pull is an error of that size
-    pull = kappa**2 * information * strength
-    inverse, untold = _told_and_untold(hessian, information, strength)
+    pull = kappa**2 * information * strength * wider**2
+    inverse, untold = _told_and_untold(hessian, information, strength * wider**2)
     # by way of a square root of the scatter, so that rounding leaves no negative variance
     squares, axes = np.linalg.eigh(scatter + np.diag(pull))
     root = inverse @ (axes * np.sqrt(np.maximum(squares, 0.0)))
@@ -100,12 +102,53 @@ def redundancy(sums: SphereSums) -> int:
     return 3 * int(np.maximum(sums.count - 1, 0).sum()) - sums.gradient.shape[1]
 
 
-def _told_and_untold(hessian: Array, information: Array, strength: float) -> tuple[Array, Array]:
+def noise_variance(
+    problem: Problem, name: str, sums: SphereSums, quadratic: Quadratic
+) -> tuple[float, bool]:
+    """Variance (m^2) of one pose's coordinate, and whether it had to be assumed.
+
+    Told by the poses about their spheres' means where they are redundant; where every sphere has
+    about one pose, by what the parameters leave of the distances to the certificate's points.
+    """
+    if redundancy(sums) >= 1:
+        slope = distance_errors(problem, sums)[1] if name == 'distance' else None
+        return pose_variance(sums, slope), False
+    rank = _inverse(quadratic.normal)[1]
+    # of a coordinate, by the certificate alone
+    certified = (problem.measured.gauge.constant / 2) ** 2 / 2
+    if name == 'position':
+        freedom = quadratic.terms - rank
+        left = quadratic.phi / max(freedom, 1) - certified
+    else:
+        independent = sum(_independent_distances(problem, rows) for rows in problem.placements)
+        freedom = independent - rank
+        error, _ = distance_errors(problem, sums)
+        square = float(error @ error) / max(len(error), 1) * independent / max(freedom, 1)
+        each = (1 / np.maximum(sums.count, 1))[problem.pairs].sum(axis=1)
+        left = (square - 2 * certified) / max(float(np.sum(each)) / max(len(error), 1), 1e-300)
+    return (ASSUMED_NOISE**2, True) if freedom < 1 else (max(left, 0.0), False)
+
+
+def _independent_distances(problem: Problem, rows: IntArray) -> int:
+    """How many of the distances among the spheres `rows` of one placement do not follow from the
+    others, to first order: those along a line, in a plane, in space."""
+    if len(rows) < 2:
+        return 0
+    gauge = problem.measured.gauge
+    centers = np.array([gauge.center(int(number)) for number in problem.keys[rows, 1]])
+    values = np.linalg.svd(centers - centers.mean(axis=0), compute_uv=False)
+    extent = int((values > LINE * values[0]).sum())
+    return extent * len(rows) - extent * (extent + 1) // 2
+
+
+def _told_and_untold(
+    hessian: Array, information: Array, strength: Array | float
+) -> tuple[Array, Array]:
     """The inverse (F, F) along what was held in the fit, and the covariance (F, F) of the rest: the
     prior's own, which had no weight where nothing was left over, or `UNKNOWN` without one."""
     sigma = np.full(len(information), UNKNOWN)
     known = information > 0
-    sigma[known] = np.sqrt(strength / information[known])
+    sigma[known] = np.sqrt((strength * np.ones(len(sigma)))[known] / information[known])
     values, vectors = np.linalg.eigh(sigma[:, None] * hessian * sigma)
     held = values > ROUNDING * values.max(initial=1e-300)
     if held.all():
@@ -259,6 +302,11 @@ def _gradient_shares(problem: Problem, name: str, sums: SphereSums) -> Array:
         shares += repeatability_weights(sums)[:, None] * sums.gradient
     if name == 'position':
         shares += sums.gradient
+        for rows in problem.placements:
+            fitted = fit_placement(problem, sums, rows)
+            by_sphere = fitted.slope.reshape(len(rows), 3, -1)
+            residual = fitted.residual.reshape(-1, 3)
+            shares[rows] += np.einsum('skf,sk->sf', by_sphere, residual)
     if name in ('distance_repeatability', 'distance'):
         error, slope = distance_errors(problem, sums)
         half = 0.5 * error[:, None] * slope

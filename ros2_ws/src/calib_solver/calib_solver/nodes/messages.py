@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from calib_interfaces.msg import (
-    CrossValidation,
     Diagnostics,
     DistanceQuality,
     IdentifiedParameter,
@@ -30,7 +29,6 @@ from calib_interfaces.msg import (
     SinglePointQuality,
     SolverReport,
     TriedJointErrors,
-    TriedStrength,
     TwoSigmaQuality,
 )
 from geometry_msgs.msg import Point, Vector3
@@ -117,10 +115,6 @@ def diagnostics(record: Record) -> Diagnostics:
     """The fit's account of itself."""
     message = filled(Diagnostics(), {**record, 'prior': PriorChoice()})
     message.prior.strength = record['prior']['strength']
-    chosen = record['prior']['cross_validation']
-    if chosen is not None:
-        tried = [filled(TriedStrength(), one) for one in chosen['tried']]
-        message.prior.cross_validation = filled(CrossValidation(), {**chosen, 'tried': tried})
     return message
 
 

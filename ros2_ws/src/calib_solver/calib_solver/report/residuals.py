@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from calib_solver.report.html import counted, mm, paragraph, part, table
-from calib_solver.results import Record
+from calib_solver.results import Record, prior_words
 
 SHOWN_REJECTED = 50
 OBJECTIVES = {
@@ -104,18 +104,4 @@ def solver(record: Record) -> str:
         f'{checks["free"]} directions are told by the poses, condition '
         f'{"infinite" if condition is None else f"{condition:,.0f}"}.'
     )
-    return paragraph(text) + paragraph(_prior(checks['prior']))
-
-
-def _prior(prior: Record) -> str:
-    if prior['strength'] == 0:
-        return 'No prior: the poses alone decide.'
-    text = f'The prior draws parameters to nominal with strength {prior["strength"]:g}'
-    chosen = prior['cross_validation']
-    if chosen is None:
-        return f'{text}.'
-    tried = ', '.join(f'{one["strength"]:g}: {mm(one["score"])}' for one in chosen['tried'])
-    return (
-        f'{text}, chosen by leaving out {chosen["left_out"]} ({chosen["folds"]} parts; rms left '
-        f'out in mm by strength: {tried}).'
-    )
+    return paragraph(text) + paragraph(prior_words(checks['prior']))

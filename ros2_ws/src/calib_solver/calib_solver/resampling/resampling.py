@@ -37,14 +37,15 @@ class Source:
     """What all repetitions of one kind draw from.
 
     `identified` (F,) are the free parameters as found and `about` (F,) the values that a drawn
-    prior's mean lies about, both m and rad; `noise` (m) is that of a pose's coordinate, and
-    `least_noise` (m^2) as in `levenberg.minimise`.
+    prior's mean lies about by its `width` (F,), all m and rad; `noise` (m) is that of a pose's
+    coordinate, and `least_noise` (m^2) as in `levenberg.minimise`.
     """
 
     problem: Problem
     table: ParameterTable
     objective: str
     scale: Array
+    width: Array
     information: Array
     identified: Array
     about: Array
@@ -146,6 +147,7 @@ def _source(done: Identification, problem: Problem, about: Array) -> Source:
         done.table,
         done.options.objective,
         prior.sigmas(done.table),
+        prior.widths(done.table),
         prior.information(done.table),
         done.full[done.table.free_columns],
         about,
@@ -225,7 +227,7 @@ def certified_distances(problem: Problem, gauge: Gauge) -> Array:
 def _refit(source: Source, problem: Problem, generator: np.random.Generator) -> tuple[Array, bool]:
     """The minimum from the identified parameters, with the prior's mean drawn as it says."""
     known = source.information > 0
-    about = source.about + known * source.scale * generator.standard_normal(len(source.about))
+    about = source.about + known * source.width * generator.standard_normal(len(source.about))
     cost = objective(source.objective)
 
     def evaluate(x: Array) -> Any:

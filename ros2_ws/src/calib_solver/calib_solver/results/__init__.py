@@ -6,6 +6,9 @@ from typing import TYPE_CHECKING
 from calib_model.lazy import lazily
 
 if TYPE_CHECKING:
+    from calib_solver.results.diagnostics import (
+        prior_words as prior_words,
+    )
     from calib_solver.results.files import (
         probe_fit_record as probe_fit_record,
         result_record as result_record,

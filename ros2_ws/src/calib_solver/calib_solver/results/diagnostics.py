@@ -10,6 +10,17 @@ import numpy as np
 from calib_model.arrays import Array
 from calib_solver.identification import Identification
 
+#: kinds of an arm's parameters, for people
+KINDS = {
+    'a': 'lengths a',
+    'alpha': 'twists alpha',
+    'd': 'offsets d',
+    'theta_0': 'zeros',
+    'beta': 'tilts beta',
+}
+#: so many times what is usual is worth a word
+FURTHER = 2.0
+
 
 def diagnostics_record(done: Identification) -> dict[str, Any]:
     """What `result.json` says under `diagnostics`, SI."""
@@ -30,13 +41,31 @@ def diagnostics_record(done: Identification) -> dict[str, Any]:
 
 
 def prior_record(done: Identification) -> dict[str, Any]:
-    """The strength used and, where cross-validation chose it, what it tried."""
-    chosen = done.cross_validation
-    found = None
-    if chosen is not None:
-        tried = [vars(one) for one in chosen.tried]
-        found = {'left_out': chosen.left_out, 'folds': chosen.folds, 'tried': tried}
-    return {'strength': done.options.prior.strength, 'cross_validation': found}
+    """The strength used, and by how many times what is usual each kind is off by the evidence."""
+    prior = done.options.prior
+    return {
+        'strength': prior.strength,
+        'cross_validation': None,
+        'evidence': prior.evidence,
+        'times': dict(prior.times),
+    }
+
+
+def prior_words(record: dict[str, Any]) -> str:
+    """What the prior was, in words for people; `record` as `prior_record` has it."""
+    if record['strength'] == 0:
+        return 'No prior: the poses alone decide.'
+    times = record['times']
+    if not times:
+        return f'The prior draws parameters to nominal with strength {record["strength"]:g}.'
+    widths = ', '.join(f'{KINDS.get(kind, kind)} {size:.2g}' for kind, size in times.items())
+    text = f'The prior is as wide as the poses say, times what is usual: {widths}.'
+    far = [
+        f"this arm's {KINDS[kind]} are {times[kind]:.2g} times"
+        for kind in KINDS
+        if times.get(kind, 0.0) > FURTHER
+    ]
+    return f'{text} Further off than is usual: {", ".join(far)}.' if far else text
 
 
 def finite(value: float) -> float | None:

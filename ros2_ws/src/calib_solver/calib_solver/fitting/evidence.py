@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How wide the prior is by the data themselves: MacKay's evidence, for each kind of parameter.
+
+D. J. C. MacKay, Bayesian interpolation, Neural Computation 4 (1992) 415-447: where the data tell a
+parameter (gamma near 1) its offset says how wide its kind is, where they do not it says nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib_model.arrays import Array
+from calib_model.kinematics import ParameterTable
+from calib_solver.fitting.levenberg_marquardt import (
+    Evaluate,
+    Fit,
+    minimise,
+    residual_noise,
+)
+from calib_solver.fitting.objectives import Quadratic
+from calib_solver.problem import IntArray
+
+#: where widths begin, as so many times what is usual: nothing is held that the data could tell
+WEAK = 10.0
+#: m or rad, nor do they begin wider than that unless that is usual
+WIDEST_BEGIN = 0.05
+#: m, what a residual is held to be until a first minimum shows it: little, so that a start far off
+#: is no reason to stay there
+FIRST_NOISE = 1e-4
+#: m, below which a residual says nothing more of the widths
+LEAST_NOISE = 1e-8
+#: the residuals' mean square still falls when it falls to this part
+LOWER = 0.25
+#: with fewer terms than so many for each parameter, or residuals larger than this (m), a minimum
+#: may be another than the one that the data are for
+FEW, APART = 1.5, 3e-4
+#: m, a residual is held to be no less where there are few
+FEW_NOISE = 1e-7
+#: widths are settled when none changes by more than this part
+SETTLED = 0.02
+MOST_ROUNDS = 6
+MOST_UPDATES = 50
+#: no width is narrower than this part of what is usual, none wider than this, m or rad: a probe's
+#: mount is known that well, a joint's zero too
+NARROWEST, WIDEST = 1e-3, 0.5
+
+
+@dataclass(frozen=True)
+class Group:
+    """Free parameters that have a width in common: `sigma` (F,) is what each usually is off by (m,
+    rad), `kind` (F,) the number of its kind, from 0."""
+
+    sigma: Array
+    kind: IntArray
+
+    def weak(self) -> Array:
+        """The times (K,) to begin with: WEAK, and no wider than a mount, which is known least."""
+        return np.minimum(WEAK, np.maximum(WIDEST_BEGIN / self._size(), 1.0))
+
+    def widest(self) -> Array:
+        """The most times (K,) a kind can be wide."""
+        return WIDEST / self._size()
+
+    def _size(self) -> Array:
+        size = np.zeros(int(self.kind.max(initial=-1)) + 1)
+        size[self.kind] = self.sigma
+        return size
+
+    def information(self, times: Array) -> Array:
+        """1 / (times sigma)^2 of every parameter (F,), by the `times` (K,) of the kinds."""
+        information: Array = 1 / (times[self.kind] * self.sigma) ** 2
+        return information
+
+
+def groups(table: ParameterTable, sigma: Array) -> tuple[tuple[str, ...], Group]:
+    """The kinds (K,) of a table's free parameters, by kind; `sigma` (F,) is `Group`'s."""
+    kinds = tuple(dict.fromkeys(parameter.kind for parameter in table.free))
+    kind = [kinds.index(parameter.kind) for parameter in table.free]
+    return kinds, Group(sigma, np.array(kind, dtype=np.int64))
+
+
+@dataclass(frozen=True)
+class Widths:
+    """`times` (K,) what is usual, a residual's mean square `noise` (m^2), the logarithm of the
+    `evidence` for both, and how far the data tell each parameter, `told` (F,), 0 to 1."""
+
+    times: Array
+    noise: float
+    evidence: float
+    told: Array
+
+
+def widths(
+    quadratic: Quadratic, x: Array, noise: float, group: Group, times: Array, few: bool = False
+) -> Widths:
+    """By how many times the parameters of each kind are off what is usual.
+
+    The objective is taken as `quadratic` about offsets `x` (F,), `noise` (m^2) is a residual's mean
+    square; begun from `times` (K,). One offset as large as usual counts as seen beforehand of each
+    kind, so that nothing told leaves it at 1. Where residuals are `few` they do not tell the noise
+    before it is known how many the parameters take up: both are found together.
+    """
+    sigma, kind, count = group.sigma, group.kind, len(times)
+    normal = sigma[:, None] * quadratic.normal * sigma
+    gradient, at = sigma * quadratic.gradient, x / sigma
+    right = normal @ at - gradient
+    for _ in range(MOST_UPDATES):
+        held = times[kind]
+        root = held[:, None] * normal * held / noise + np.eye(len(x))
+        inverse = np.linalg.inv(root)
+        offset = held * (inverse @ (held * right)) / noise
+        told: Array = np.clip(1 - np.diag(inverse), 0.0, 1.0)
+        left = offset - at
+        phi = max(quadratic.phi + float(left @ (2 * gradient + normal @ left)), 0.0)
+        before, noise_before = times, noise
+        square = np.bincount(kind, offset**2, count) + 1
+        times = np.sqrt(square / (np.bincount(kind, told, count) + 1))
+        times = np.clip(times, NARROWEST, group.widest())
+        if few:
+            noise = max(phi / max(quadratic.terms - float(told.sum()), 1.0), FEW_NOISE**2)
+        change = np.abs(np.log(times / before)).max(initial=abs(np.log(noise / noise_before)))
+        if change < SETTLED / 2:
+            break
+    evidence = phi / noise_before + float((offset / held) @ (offset / held))
+    evidence += float(np.linalg.slogdet(root)[1]) + quadratic.terms * float(np.log(noise_before))
+    return Widths(times, noise, -0.5 * evidence, told)
+
+
+@dataclass(frozen=True)
+class Settled:
+    """The last of several `fits`, at widths of `times` (K,) what is usual, and the logarithm of
+    the `evidence` for them."""
+
+    fits: tuple[Fit, ...]
+    times: Array
+    evidence: float
+
+    @property
+    def fit(self) -> Fit:
+        """Where it ended."""
+        return self.fits[-1]
+
+
+def minimise_by_evidence(
+    evaluate: Evaluate, start: Array, group: Group, times: Array | None, least_noise: float = 0.0
+) -> Settled:
+    """Minimise from offsets `start` (F,) with widths that follow the evidence.
+
+    Without `times` (K,) they begin weak, weighed by a small noise: at a start far off the
+    residuals are large, and a prior weighed by these would hold the fit there. Where that leaves
+    doubts, other ways are tried from the same start, and the one the evidence is for is taken.
+    """
+    held: tuple[Fit, ...]
+    if times is not None:
+        held = (minimise(evaluate, start, group.sigma, group.information(times), least_noise),)
+        return _tightened(evaluate, held, group, times, least_noise)
+    weak = group.weak()
+    held = _weakly_held(evaluate, start, group, weak, least_noise)
+    first = _tightened(evaluate, held, group, weak, least_noise)
+    if not _doubtful(first):
+        return first
+    found = [first]
+    for way in (first.times, np.ones(len(weak)), None):
+        held = _other(evaluate, start, group, way, least_noise)
+        found.append(
+            _tightened(evaluate, held, group, first.times if way is None else way, least_noise)
+        )
+    best = max(found, key=lambda one: one.evidence)
+    every = tuple(fit for one in found if one is not best for fit in one.fits)
+    return Settled((*every, *best.fits), best.times, best.evidence)
+
+
+def _doubtful(settled: Settled) -> bool:
+    """Whether a minimum may be another than the one that the data are for."""
+    fit = settled.fit
+    stopped = not all(one.converged for one in settled.fits)
+    return stopped or fit.quadratic.terms < FEW * len(fit.x) or fit.kappa > APART**2
+
+
+def _other(
+    evaluate: Evaluate, start: Array, group: Group, times: Array | None, least_noise: float
+) -> tuple[Fit, ...]:
+    """From the start with widths already known, or without any prior."""
+    if times is None:
+        return (minimise(evaluate, start, group.sigma, np.zeros(len(start)), least_noise),)
+    information = group.information(times)
+    kappa = None if (times == 1).all() else FIRST_NOISE**2
+    return (minimise(evaluate, start, group.sigma, information, least_noise, kappa),)
+
+
+def _tightened(
+    evaluate: Evaluate, fits: tuple[Fit, ...], group: Group, times: Array, least_noise: float
+) -> Settled:
+    """Widths and minimum in turn, until the widths settle."""
+    few = fits[-1].quadratic.terms < FEW * len(group.sigma)
+    for number in range(MOST_ROUNDS):
+        fit = fits[-1]
+        noise = residual_noise(fit.quadratic, group.sigma, max(least_noise, LEAST_NOISE**2))
+        found = widths(fit.quadratic, fit.x, noise, group, times, few)
+        change = np.abs(np.log(found.times / times)).max(initial=0.0)
+        if change < SETTLED and number:
+            break
+        times = found.times
+        information = group.information(times)
+        kappa = max(found.noise, least_noise) if few else None
+        fits += (minimise(evaluate, fit.x, group.sigma, information, least_noise, kappa),)
+    return Settled(fits, times, found.evidence)
+
+
+def _weakly_held(
+    evaluate: Evaluate, start: Array, group: Group, times: Array, least_noise: float
+) -> tuple[Fit, ...]:
+    """Minima with a prior that is weighed by less and less, as long as the residuals fall with
+    it; the last one is where the tightening begins."""
+    information = group.information(times)
+    scale = times[group.kind] * group.sigma
+    fits: tuple[Fit, ...] = ()
+    left, kappa = np.inf, FIRST_NOISE**2
+    for _ in range(MOST_ROUNDS):
+        fit = minimise(evaluate, start, scale, information, least_noise, kappa)
+        noise = residual_noise(fit.quadratic, group.sigma, least_noise)
+        if noise > LOWER * left:
+            break
+        fits += (fit,)
+        start, left, kappa = fit.x, noise, noise / 100
+        if noise < LEAST_NOISE**2:
+            break
+    return fits
