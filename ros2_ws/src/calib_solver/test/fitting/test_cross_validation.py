@@ -38,6 +38,7 @@ def errors_by_strength(scene):
     return found
 
 
+@pytest.mark.slow
 def test_few_noisy_poses_and_large_errors_both_get_a_strength_that_suits_them():
     noisy = simulate(kr5(), passive(), 60, locations=4, poses=3, noise=1e-3)
     far_off = simulate(kr5(), passive(), 60, locations=4, poses=6, noise=2e-4, errors=10)
@@ -49,6 +50,7 @@ def test_few_noisy_poses_and_large_errors_both_get_a_strength_that_suits_them():
         assert error < 0.3 * max(in_hindsight)
 
 
+@pytest.mark.slow
 def test_an_arm_within_its_tolerances_gets_a_stronger_prior_than_one_far_out():
     scenes = [
         simulate(kr5(), passive(), 65, locations=6, poses=3, noise=1e-3, errors=errors)
@@ -81,6 +83,7 @@ def test_a_prior_that_was_given_tells_its_strength_alone():
     assert told == {'strength': DEFAULT_STRENGTH, 'cross_validation': None}
 
 
+@pytest.mark.slow
 def test_one_location_is_judged_over_its_spheres():
     scene = simulate(kr5(), passive(), 60, locations=1, poses=8, noise=1e-3)
     done = identify(scene.measured, AUTO)
