@@ -13,7 +13,7 @@ ifdef PYTHON
 export PYTHON
 endif
 
-.PHONY: setup demo test lint audit pin bench soak studies clean
+.PHONY: setup demo unit test lint audit pin bench soak studies clean
 
 setup:
 	@tools/setup.sh
@@ -57,6 +57,13 @@ pin:
 # A file of tests at a time on each worker: what they share is set up once, graphs keep apart.
 test: lint
 	@source ./env.bash && python -m pytest -n auto --maxprocesses 4 --dist loadfile
+
+# What starts no process and no graph and is quick, for between two edits. One thread each, as the
+# tests themselves go side by side.
+unit:
+	@tools/setup.sh --dev
+	@source ./env.bash && export CALIB_THREADS=1 && \
+	python -m pytest -n auto --maxprocesses 4 --dist loadfile -m 'not system and not slow'
 
 # Faults and load for as long as it takes to trust them; the last figures go to docs/soak.md.
 soak: lint

@@ -5,12 +5,17 @@ import signal
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import settings
 
 from calib_bringup.domains import claimed_domain
 
 # A shell that starts pytest in the background makes it ignore Ctrl-C, and so would every process
 # that a test starts and then interrupts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# How long an example takes tells what else the machine does; pytest-timeout ends what hangs.
+settings.register_profile('calibration', deadline=None)
+settings.load_profile('calibration')
 
 
 @pytest.fixture

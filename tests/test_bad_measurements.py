@@ -200,6 +200,7 @@ NAMED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('fault', NAMED)
 def test_it_is_named(fault):
     make, expected = NAMED[fault]

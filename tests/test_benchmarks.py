@@ -33,12 +33,14 @@ def problem() -> Problem:
     return Problem.of(problems.faro_measurement(POSES))
 
 
+@pytest.mark.slow
 def test_the_same_seed_makes_the_same_problem() -> None:
     one, same, other = (problems.faro_measurement(56, seed).poses.joints for seed in (3, 3, 4))
     np.testing.assert_array_equal(one, same)
     assert not np.allclose(one, other)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('active', [False, True])
 def test_what_was_probed_is_a_ball_bar_with_joint_noise(
     active: bool, monkeypatch: pytest.MonkeyPatch
@@ -53,6 +55,7 @@ def test_what_was_probed_is_a_ball_bar_with_joint_noise(
     assert fit.quadratic.phi < 1e-15
 
 
+@pytest.mark.slow
 def test_more_poses_than_the_pool_are_still_all_different() -> None:
     count = (problems.POOL + 20) * SPHERES
     measured = problems.faro_measurement(count)
@@ -115,6 +118,7 @@ def test_a_missing_reference_is_said_not_raised(tmp_path: Path) -> None:
     assert 'nowhere.cpp' in table(part)
 
 
+@pytest.mark.system
 def test_a_reference_that_does_not_build_is_said_not_raised(tmp_path: Path) -> None:
     source = tmp_path / 'broken.cpp'
     source.write_text('#include <no_such_header>\n')
@@ -128,6 +132,7 @@ def test_a_missed_target_is_named() -> None:
     assert 'holds: size' in text
 
 
+@pytest.mark.system
 @pytest.mark.timeout(210)
 def test_every_part_runs_and_is_recorded(tmp_path: Path) -> None:
     output = tmp_path / 'bench.json'

@@ -31,7 +31,7 @@ FILES = (
     'report.html',
     'figures/before_and_after.png',
 )
-pytestmark = pytest.mark.timeout(240)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(240)]
 
 
 @pytest.fixture(scope='module')

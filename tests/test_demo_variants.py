@@ -24,7 +24,7 @@ EXPECTED = {
     'iiwa14': ('kuka_lbr_iiwa14', 'active_trihedron', 20.0),
     'faro': ('faro_sterling', 'passive_seat_faro', 4.0),
 }
-pytestmark = pytest.mark.timeout(120)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 
 
 @pytest.mark.parametrize('name', EXPECTED)

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.system
+
 DEMO = Path(__file__).parents[1] / 'bags' / 'demo'
 WRITTEN = ('arm.yaml', 'arm.urdf', 'probe.yaml')
 

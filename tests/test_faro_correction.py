@@ -47,6 +47,7 @@ def measured(world: World, name: str) -> Measurement:
     return Measurement(scene.arm, scene.probe, scene.gauge, probing_set(taken))
 
 
+@pytest.mark.slow
 def test_eccentric_encoders_are_corrected_by_a_fifth_and_more_where_never_used():
     world = scene_and_motions()[1]
     assert world.encoders.cosine.any()
@@ -58,6 +59,7 @@ def test_eccentric_encoders_are_corrected_by_a_fifth_and_more_where_never_used()
     assert after < 0.8 * before
 
 
+@pytest.mark.slow
 def test_the_same_arm_with_geometric_errors_alone_gets_no_correction():
     world = scene_and_motions()[1]
     nothing, magnitudes = np.zeros((2, world.arm.n)), world.magnitudes

@@ -18,7 +18,7 @@ from studies.running import RESULTS, written
 
 POSES = 60  # per sphere: enough for the pattern, the digits take the chapter's 385
 SEEDS = (1, 2)
-pytestmark = pytest.mark.timeout(120)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
 
 
 @cache

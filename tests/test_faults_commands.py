@@ -49,7 +49,7 @@ from calib_model.pairing import (
 )
 from calib_model.urdf import arm_urdf
 
-pytestmark = pytest.mark.timeout(120 * ROUNDS)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(120 * ROUNDS)]
 ROOT = Path(__file__).resolve().parents[1]
 RECORDED = ROOT / 'bags' / 'demo' / 'held_out'
 CONFIG = ROOT / 'ros2_ws' / 'src' / 'calib_bringup' / 'config'

@@ -34,7 +34,7 @@ DEMO = ROOT / 'bags' / 'demo' / 'held_out'
 RESULTS = ('arm.yaml', 'probe.yaml', 'arm.urdf', 'report.html', 'result.json')
 TIMEOUT = 60
 MOST_MEMORY = 2 << 20  # KiB
-pytestmark = pytest.mark.timeout(120)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 
 
 @dataclass(frozen=True)

@@ -90,6 +90,7 @@ DESCRIPTIONS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', DESCRIPTIONS)
 def test_a_description_is_refused_or_gives_figures_that_are_numbers(name: str) -> None:
     parse, written = DESCRIPTIONS[name]
@@ -112,6 +113,7 @@ OTHERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', OTHERS)
 def test_other_yaml_is_refused_or_read(name: str) -> None:
     parse, text = OTHERS[name]
@@ -148,12 +150,14 @@ BOMBS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('bomb', BOMBS)
 def test_a_text_that_stands_for_more_than_it_is_is_refused(bomb: str) -> None:
     for parse in (parse_arm, parse_gauge):
         assert refused_once(bomb, lambda parse=parse: parse(BOMBS[bomb], 'mine.yaml'))
 
 
+@pytest.mark.slow
 def test_a_bag_that_was_damaged_never_reads_as_another(tmp_path: Path) -> None:
     whole = damaged_bags.bytes_of(measured(), tmp_path / 'whole')
     file = tmp_path / 'bad.mcap'
@@ -171,6 +175,7 @@ def test_a_bag_that_was_damaged_never_reads_as_another(tmp_path: Path) -> None:
     assert well and refused > 200
 
 
+@pytest.mark.slow
 def test_what_is_recovered_of_a_damaged_bag_was_in_it_and_opens(tmp_path: Path) -> None:
     whole = damaged_bags.bytes_of(measured(), tmp_path / 'whole')
     expected = set(read_messages(tmp_path / 'whole'))
@@ -192,6 +197,7 @@ def test_what_is_recovered_of_a_damaged_bag_was_in_it_and_opens(tmp_path: Path) 
     assert well > 30 and refused
 
 
+@pytest.mark.slow
 def test_messages_of_any_content_are_refused_or_give_figures_that_are_numbers(
     tmp_path: Path,
 ) -> None:
@@ -206,6 +212,7 @@ def test_messages_of_any_content_are_refused_or_give_figures_that_are_numbers(
     assert well and refused > 40
 
 
+@pytest.mark.slow
 def test_raw_messages_of_any_content_are_refused_or_read(tmp_path: Path) -> None:
     numbers = iter(range(10_000_000))
 
@@ -217,6 +224,7 @@ def test_raw_messages_of_any_content_are_refused_or_read(tmp_path: Path) -> None
     assert outcomes('raw', 40, read)[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('bomb', damaged_bags.BOMBS)
 def test_a_bag_that_stands_for_more_than_it_is_is_refused(bomb: str, tmp_path: Path) -> None:
     path = damaged_bags.BOMBS[bomb](measured(), tmp_path)
@@ -224,6 +232,7 @@ def test_a_bag_that_stands_for_more_than_it_is_is_refused(bomb: str, tmp_path: P
         assert refused_once(bomb, lambda read=read: read(path))
 
 
+@pytest.mark.slow
 def test_metadata_of_any_content_is_refused_or_leads_to_the_bag(tmp_path: Path) -> None:
     path = tmp_path / 'bag'
     damaged_bags.bytes_of(measured(), path)

@@ -21,7 +21,7 @@ from std_msgs.msg import String
 from calib_model.bags import read_messages
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-pytestmark = pytest.mark.timeout(120)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 graph, peer = process_graph.graph, process_graph.peer
 
 

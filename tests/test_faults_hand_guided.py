@@ -32,7 +32,7 @@ WITHIN_ONE_STATE = 1e-3  # rad that a joint of a hand-guided arm goes, at its fa
 TAKEN = re.compile(r'(\d+) poses of 1 spheres taken from (\d+) readings')
 LATE = re.compile(r'(\d+) joint states out of order')
 BRIDGED = re.compile(r'(\d+) readings paired across missing joint states')
-pytestmark = pytest.mark.timeout(120)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 graph, peer = process_graph.graph, process_graph.peer
 
 

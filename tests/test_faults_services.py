@@ -78,7 +78,7 @@ TEXTS = (
     '[' * 10_000,
 )
 NUMBERS = (math.nan, math.inf, -math.inf, 1e308, -1e308, 1e-320, 0.0, -0.0, 1.0, 1e9)
-pytestmark = pytest.mark.timeout(300 * ROUNDS)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(300 * ROUNDS)]
 
 
 def odd_value(kind: str, rng: random.Random) -> Any:

@@ -35,7 +35,7 @@ future = client.call_async(Identify.Request(bag=sys.argv[1], monte_carlo=20))
 print('asked', flush=True)
 rclpy.spin_until_future_complete(node, future)
 """
-pytestmark = pytest.mark.timeout(120)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 
 
 class Asker:

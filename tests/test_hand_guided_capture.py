@@ -26,7 +26,7 @@ from calib_model.pairing import JointSample, Reading
 
 CONFIG = Path(__file__).resolve().parents[1] / 'ros2_ws/src/calib_bringup/config'
 SAID = re.compile(r'(\d+) poses of (\d+) spheres taken from (\d+) readings, (\d+) paired')
-pytestmark = pytest.mark.timeout(120)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 
 
 @pytest.fixture

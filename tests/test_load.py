@@ -38,7 +38,7 @@ JOINTS, READINGS = 500, 1000  # Hz of the wall clock
 SAID = re.compile(r'(\d+) poses of (\d+) spheres taken from (\d+) readings')
 LOST = re.compile(r'(\d+) of (\S+) lost')
 SENT = re.compile(r'(\d+) joint states, (\d+) readings')
-pytestmark = pytest.mark.timeout(5400 if SOAK else 120)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(5400 if SOAK else 120)]
 
 
 @pytest.fixture

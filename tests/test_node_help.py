@@ -11,7 +11,7 @@ from calib_solver.nodes import solver_node
 from selfcenter_probe.nodes import operator_node, probe_node
 
 NODES = [arm_node, capture_node, probe_node, operator_node, solver_node]
-pytestmark = pytest.mark.timeout(60)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(60)]
 
 
 @pytest.mark.parametrize('node', NODES, ids=lambda node: node.COMMAND.name)

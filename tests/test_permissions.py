@@ -17,6 +17,8 @@ from calib_bringup.domains import held_domain
 from calib_bringup.processes import Child, Children, graph_environment
 from calib_model.files import safe_yaml as plain_yaml
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).parents[1]
 DEMO = ROOT / 'bags' / 'demo'
 SOURCES = sorted((ROOT / 'ros2_ws' / 'src').glob('*/*/*.py'))

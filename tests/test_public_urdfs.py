@@ -19,6 +19,7 @@ from calib_solver.commands.identify import main as identify_command, run as iden
 pytestmark = pytest.mark.timeout(60)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', PUBLIC)
 def test_a_public_urdf_is_described_identified_and_corrected(name: str, tmp_path: Path) -> None:
     urdf, base, flange = public_urdf(name)

@@ -85,6 +85,7 @@ def parameters(calibration: Calibration) -> list[float | None]:
     return [one['identified'] for one in calibration.record['parameters']]
 
 
+@pytest.mark.slow
 def test_the_raw_streams_are_identified_exactly_as_our_own_capture(
     stream: list[BagMessage], ours: Calibration, described: list[str], tmp_path: Path
 ) -> None:
@@ -105,6 +106,7 @@ OTHERS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('mode', 'plugin'), OTHERS)
 def test_other_topics_storage_and_names_come_to_the_same(
     stream: list[BagMessage],
@@ -125,6 +127,7 @@ def test_other_topics_storage_and_names_come_to_the_same(
     assert parameters(theirs) == parameters(ours)
 
 
+@pytest.mark.slow
 def test_bags_of_three_days_are_one_calibration(
     stream: list[BagMessage], ours: Calibration, described: list[str], tmp_path: Path
 ) -> None:
@@ -146,6 +149,7 @@ def stamp_of(message: BagMessage) -> int:
     return cdr.stamp_of(cdr.decode(kind, message.data))
 
 
+@pytest.mark.slow
 def test_a_raw_bag_can_be_held_out(
     stream: list[BagMessage], described: list[str], tmp_path: Path
 ) -> None:

@@ -16,7 +16,10 @@ DATA = Path(os.environ.get('CALIB_SHARED_DATA', ROOT.parent / 'shared' / 'data')
 SOCKETS = DATA / 'kuka_iiwa14_sockets'
 CONFIG = ROOT / 'ros2_ws' / 'src' / 'calib_bringup' / 'config'
 
-pytestmark = pytest.mark.skipif(not SOCKETS.is_dir(), reason=f'no real data at {SOCKETS}')
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(not SOCKETS.is_dir(), reason=f'no real data at {SOCKETS}'),
+]
 
 
 @pytest.mark.timeout(60)

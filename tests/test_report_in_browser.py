@@ -23,6 +23,7 @@ from calib_solver.resampling import Plan
 
 PROGRAM = found()
 pytestmark = [
+    pytest.mark.system,
     pytest.mark.timeout(90),
     pytest.mark.skipif(
         PROGRAM is None, reason='no Chromium here (Debian, Ubuntu: apt-get install chromium)'

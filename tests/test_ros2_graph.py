@@ -16,7 +16,7 @@ from calib_model.bags import read_measurement
 ROOT = Path(__file__).resolve().parent.parent
 STAND_IN = ROOT / 'tools' / 'ros2' / 'ros2'
 CAPTURE = 'calib_interfaces/action/Capture'
-pytestmark = pytest.mark.timeout(120)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 
 
 def real_ros2() -> str | None:

@@ -15,6 +15,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from calib_bringup.domains import held_domain
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).resolve().parent.parent
 STAND_IN = ROOT / 'tools' / 'ros2' / 'ros2'
 PEER = Path(__file__).with_name('ros2_peer.py')

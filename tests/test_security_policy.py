@@ -12,6 +12,8 @@ import rclpy
 from calib_bringup.domains import held_domain
 from calib_bringup.processes import Child, Children, graph_environment
 
+pytestmark = pytest.mark.system
+
 POLICY = Path(__file__).parents[1] / 'ros2_ws/src/calib_bringup/security/policy.xml'
 NODES = {
     'arm': ('calib_capture.nodes.arm_node', ['--ros-args', '-p', 'time_scale:=0.0']),

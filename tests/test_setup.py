@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).resolve().parent.parent
 PREFLIGHT = ROOT / 'tools' / 'preflight.sh'
 BARE_COMMANDS = ('bash', 'uname', 'getconf', 'env', 'make')

@@ -25,7 +25,7 @@ from calib_model.descriptions import arm_yaml
 
 TIMEOUT = 30
 FILES = ('result.json', 'arm.yaml', 'probe.yaml', 'arm.urdf')
-pytestmark = pytest.mark.timeout(120)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 
 
 @pytest.fixture(scope='module')

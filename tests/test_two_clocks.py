@@ -31,7 +31,7 @@ WORLD = CONFIG.parents[1] / 'selfcenter_probe/config/world_faro.yaml'
 BEHIND = 3_000_000  # ns
 OWN, HELD_OUT = (1, 5, 6), (8,)
 SPHERES = (1, 10)
-pytestmark = pytest.mark.timeout(120)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
 
 
 @pytest.fixture(scope='module')

@@ -11,6 +11,8 @@ from calib_bringup import domains
 from calib_bringup.domains import claimed_domain, held_domain
 from calib_model.errors import CalibrationError
 
+pytestmark = pytest.mark.system
+
 NODE = """
 import rclpy, sys
 rclpy.init()

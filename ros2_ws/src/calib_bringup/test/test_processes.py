@@ -9,7 +9,7 @@ from calib_bringup.demo import replaceable, run
 from calib_bringup.processes import Child, ChildError, Children, graph_environment
 from calib_model.command_line import UsageError
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(60)]
 
 
 @pytest.fixture

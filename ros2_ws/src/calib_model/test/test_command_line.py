@@ -41,6 +41,7 @@ def test_wrong_arguments_are_one_line_too(capsys: pytest.CaptureFixture[str]) ->
     assert 'unrecognized arguments: --what' in capsys.readouterr().err
 
 
+@pytest.mark.system
 def test_a_reader_that_goes_away_is_no_error() -> None:
     code = (
         'import sys; from calib_model.command_line import run_command\n'
@@ -59,6 +60,7 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
         assert command.stderr.read() == b''
 
 
+@pytest.mark.system
 @pytest.mark.parametrize('error', [OSError(28, 'No space left on device'), MemoryError('of 9 GiB')])
 def test_what_the_machine_refuses_is_one_line_too(
     error: Exception,
@@ -73,6 +75,7 @@ def test_what_the_machine_refuses_is_one_line_too(
     assert str(error.args[-1]) in done.stderr
 
 
+@pytest.mark.system
 def test_a_full_disk_behind_the_output_is_one_line() -> None:
     code = (
         'import sys; from calib_model.command_line import run_command\n'
@@ -90,6 +93,7 @@ def test_a_full_disk_behind_the_output_is_one_line() -> None:
     assert done.stderr == 'output: No space left on device\n'
 
 
+@pytest.mark.system
 def test_a_name_that_is_no_text_is_printed_all_the_same() -> None:
     code = (
         'import sys; from calib_model.command_line import run_command\n'

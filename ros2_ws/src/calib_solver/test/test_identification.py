@@ -47,6 +47,7 @@ def refuse_anything_short_of_exact(scene, done):
     assert not any(done.observability.reason)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('probe', PROBES)
 @pytest.mark.parametrize('arm', ARMS)
 def test_noise_free_poses_give_the_true_predictions(arm, probe):
@@ -54,6 +55,7 @@ def test_noise_free_poses_give_the_true_predictions(arm, probe):
     refuse_anything_short_of_exact(scene, identify(scene.measured))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(10))
 def test_random_arms_are_recovered(seed):
     arm = random_arm(np.random.default_rng(1000 + seed))
@@ -62,12 +64,14 @@ def test_random_arms_are_recovered(seed):
     refuse_anything_short_of_exact(scene, identify(scene.measured))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(4))
 def test_errors_of_2_mm_and_half_a_degree_are_recovered(seed):
     scene = simulate(kr5(), active(), 300 + seed, poses=14, errors=4.0)
     refuse_anything_short_of_exact(scene, identify(scene.measured))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('objective', ['distance_repeatability', 'position'])
 @pytest.mark.parametrize('probe', PROBES)
 def test_each_objective_recovers_the_arm_without_a_prior_too(objective, probe):
@@ -76,6 +80,7 @@ def test_each_objective_recovers_the_arm_without_a_prior_too(objective, probe):
     refuse_anything_short_of_exact(scene, done)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('strength', [0.0, 1.0, 10.0])
 def test_many_distances_alone_recover_the_arm(strength):
     scene = simulate(kr5(), passive(), 23, spheres=tuple(range(1, 15, 2)), poses=5)
@@ -92,6 +97,7 @@ def test_distances_too_few_for_the_parameters_never_end_wrong_and_converged():
     assert right or not done.fit.converged or any(done.observability.reason)
 
 
+@pytest.mark.slow
 def test_parallel_axes_let_no_parameter_run_off():
     for tilt in (0.0, np.radians(0.01)):
         scene = simulate(kr5(tilt), active(), 24, poses=14, noise=5e-5)
@@ -182,6 +188,7 @@ def test_fewer_residuals_than_parameters_stay_near_nominal_with_a_prior(passive_
     assert np.isfinite(done.full).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(3))
 def test_true_parameters_that_the_data_fix_are_found(seed):
     """Without errors in what is frozen, each single free parameter comes out true."""

@@ -36,6 +36,7 @@ def program(kr5, probe, gauge, places):
     return Planner(kr5, probe, gauge, settings).program(places)
 
 
+@pytest.mark.slow
 def test_the_text_counts_every_pose_and_every_refusal(program):
     lines = program_text(program)
     assert lines[0] == f'{len(program.poses)} poses of 12 spheres at 3 locations'
@@ -57,6 +58,7 @@ def test_the_text_counts_every_pose_and_every_refusal(program):
         assert sum(map(int, line[len(reason) :].split()[:-1])) == count
 
 
+@pytest.mark.slow
 def test_the_text_names_spheres_out_of_reach_and_what_is_to_be_expected(program):
     text = '\n'.join(program_text(program))
     assert (3, 14) in program.unreached

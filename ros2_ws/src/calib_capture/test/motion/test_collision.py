@@ -69,6 +69,7 @@ def test_bodies_are_where_the_arm_s_frames_are(kr5, probe, bodies):
     assert np.abs(moving[:, names.index('stylus 2'), 0] - tip).max() < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('which', ['kr5', 'iiwa14'])
 def test_contact_is_told_as_another_way_of_measuring_tells_it(which, probe, gauge, request):
     arm = request.getfixturevalue(which)
@@ -110,6 +111,7 @@ def test_more_than_2000_postures_are_checked_in_a_second(kr5, bodies, placements
     assert len(q) / best > 2000
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(3600)
 def test_no_planned_pose_of_random_gauge_placements_collides_or_leaves_its_limits(
     kr5, probe, gauge
@@ -180,6 +182,7 @@ def assert_ways_free(arm, probe, gauge, settings, program, place):
     return len(program.poses)
 
 
+@pytest.mark.slow
 def test_ways_go_around_what_is_in_between_and_stay_within_limits(kr5, probe, gauge, placements):
     settings = ProgramSettings(poses_per_sphere=10, pool=1)
     program = Planner(kr5, probe, gauge, settings).program(placements, [6])

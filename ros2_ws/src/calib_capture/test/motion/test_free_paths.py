@@ -29,6 +29,7 @@ def test_nothing_moves_farther_than_the_joints_turns_times_their_reach(
     assert ways.reach[0] < 2 * ways.reach[1] < 3.0  # a bound that is of use
 
 
+@pytest.mark.slow
 def test_straight_ways_are_free_as_a_fine_search_finds_them(kr5, probe, gauge, placements):
     bodies = bodies_of(kr5, probe, gauge)
     check = CollisionCheck(kr5, bodies)

@@ -17,7 +17,7 @@ def angle_between(first, second):
     return np.abs((first - second + np.pi) % (2 * np.pi) - np.pi)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(seed=SEEDS)
 def test_the_posture_itself_is_among_the_branches(seed, kr5):
     arm = kr5
@@ -36,7 +36,7 @@ def test_an_arm_off_its_base_and_flange_is_found_too(kr5):
     assert angle_between(found, q).max(axis=1).min() < 1e-6
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(seed=SEEDS)
 def test_within_limits_gives_the_posture_itself_with_its_full_turns(seed, kr5):
     arm = kr5
@@ -73,7 +73,7 @@ def test_a_regular_pose_of_the_kr5_has_eight_branches(kr5):
     assert len(InverseKinematics(kr5).branches(pose)) == 8
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(seed=SEEDS)
 def test_offsets_and_directions_of_the_joints_are_applied(seed, kr5):
     rng = np.random.default_rng(seed)
@@ -90,7 +90,7 @@ def test_offsets_and_directions_of_the_joints_are_applied(seed, kr5):
     assert angle_between(found, q).max(axis=1).min() < 1e-6
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(seed=SEEDS)
 def test_seven_joints_are_solved_for_a_given_redundant_joint(seed, iiwa14):
     arm = iiwa14

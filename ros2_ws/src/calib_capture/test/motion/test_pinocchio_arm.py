@@ -24,7 +24,7 @@ def perturbed(arm, seed):
 
 
 @pytest.mark.parametrize('name', ['kr5', 'iiwa14'])
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_flange_is_where_the_denavit_hartenberg_arm_puts_it(name, seed, request):
     arm = request.getfixturevalue(name)

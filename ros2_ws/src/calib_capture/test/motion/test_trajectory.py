@@ -47,7 +47,7 @@ def test_points_are_reached_when_they_are_due_and_in_straight_lines():
     assert np.allclose(motion.at(9.0)[1], 0)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(seed=st.integers(0, 2**32 - 1), points=st.integers(1, 6))
 def test_no_joint_is_ever_faster_than_it_may_be(seed, points):
     rng = np.random.default_rng(seed)

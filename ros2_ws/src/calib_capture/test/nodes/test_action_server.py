@@ -35,7 +35,7 @@ from calib_model.nodes import qos_of
 from calib_model.topics import CAPTURE_MARKERS, JOINT_TRAJECTORY
 from calib_model.transforms import RigidTransform
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 ARM, CAPTURE = 'calib_capture.nodes.arm_node', 'calib_capture.nodes.capture_node'
 
 

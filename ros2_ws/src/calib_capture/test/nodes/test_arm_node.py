@@ -25,7 +25,7 @@ from calib_model.nodes import (
 )
 from calib_model.topics import ARM_DESCRIPTION, JOINT_STATES, JOINT_TRAJECTORY, ROBOT_DESCRIPTION
 
-pytestmark = pytest.mark.timeout(90)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(90)]
 MODULE = 'calib_capture.nodes.arm_node'
 
 

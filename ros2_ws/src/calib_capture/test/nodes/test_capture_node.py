@@ -29,7 +29,7 @@ from calib_model.nodes import (
 )
 from calib_model.topics import PROBE_DISPLACEMENTS
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 ARM, CAPTURE = 'calib_capture.nodes.arm_node', 'calib_capture.nodes.capture_node'
 
 

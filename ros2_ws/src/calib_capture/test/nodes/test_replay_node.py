@@ -23,6 +23,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
+pytestmark = pytest.mark.system
+
 DOMAIN = held_domain()
 START = 1_700_000_000_000_000_000
 ENVIRONMENT = {

@@ -139,6 +139,7 @@ def test_less_noise_and_more_poses_make_positions_surer(information, kr5, probe,
     assert quiet.position_uncertainty(information_matrix(quiet, rows, few)) < unsure
 
 
+@pytest.mark.slow
 def test_a_program_of_a_larger_pool_is_surer_than_the_first_poses(kr5, probe, gauge, placements):
     plain = ProgramSettings(poses_per_sphere=10)
     expected = [

@@ -29,6 +29,7 @@ def joints(program):
     return np.array([pose.joints for pose in program.poses])
 
 
+@pytest.mark.slow
 def test_every_chosen_sphere_of_every_location_gets_all_its_poses(program, placements):
     planned = {(plan.location, plan.sphere): len(plan.poses) for plan in program.spheres}
     wanted = {(at, sphere) for at in placements for sphere in SETTINGS.spheres}
@@ -36,21 +37,25 @@ def test_every_chosen_sphere_of_every_location_gets_all_its_poses(program, place
     assert len(program.poses) == len(placements) * 4 * 60
 
 
+@pytest.mark.slow
 def test_fourteen_spheres_of_the_test_location_are_within_reach(kr5, probe, gauge, placements):
     settings = replace(SETTINGS, spheres=tuple(range(1, 15)))
     program = Planner(kr5, probe, gauge, settings).program(placements, [8])
     assert all(len(plan.poses) == 60 for plan in program.spheres)
 
 
+@pytest.mark.slow
 def test_a_third_of_the_cap_at_least_around_a_sphere_is_within_reach(program):
     for plan in program.spheres:
         assert plan.unreachable <= 0.65 * plan.orientations, plan
 
 
+@pytest.mark.slow
 def test_poses_keep_off_the_joint_limits(program, joints, kr5):
     assert kr5.within_limits(joints, SETTINGS.limit_margin - 1e-9).all()
 
 
+@pytest.mark.slow
 def test_poses_bring_the_sphere_to_its_place_in_the_probe(
     program, joints, kr5, probe, gauge, placements
 ):
@@ -60,6 +65,7 @@ def test_poses_bring_the_sphere_to_its_place_in_the_probe(
         assert np.abs(T[:3, :3] @ pose.p_probe_sphere + T[:3, 3] - expected).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_spheres_are_probed_from_the_cap_around_the_gauge_s_z(program, joints, kr5, placements):
     for pose, T in zip(program.poses, forward_kinematics(kr5, joints), strict=True):
         outward = -T[:3, 2]  # the probe is mounted along the flange's z
@@ -67,6 +73,7 @@ def test_spheres_are_probed_from_the_cap_around_the_gauge_s_z(program, joints, k
         assert outward @ z_gauge >= np.cos(SETTINGS.cap) - 1e-9
 
 
+@pytest.mark.slow
 def test_offsets_stay_within_the_stroke_and_turn_all_ways(program, probe, gauge):
     p_probe = np.array([pose.p_probe_sphere for pose in program.poses])
     length = np.linalg.norm(p_probe, axis=1)
@@ -79,12 +86,14 @@ def test_offsets_stay_within_the_stroke_and_turn_all_ways(program, probe, gauge)
         assert spread[2] > 0.3 * spread[0]
 
 
+@pytest.mark.slow
 def test_orientations_and_branches_are_many(program):
     for plan in program.spheres:
         seats = {tuple(np.round(pose.p_probe_sphere, 9)) for pose in plan.poses}
         assert 8 <= len(seats) < len(plan.poses) / 2
 
 
+@pytest.mark.slow
 def test_the_order_is_far_shorter_than_a_random_one(program, joints, kr5):
     def travel(q):
         return sum(travel_time(a, b[None], kr5.velocity)[0] for a, b in zip(q, q[1:], strict=False))
@@ -93,6 +102,7 @@ def test_the_order_is_far_shorter_than_a_random_one(program, joints, kr5):
     assert travel(joints) < 0.5 * travel(shuffled.reshape(-1, 6))
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_program_and_another_seed_another(
     kr5, probe, gauge, placements
 ):

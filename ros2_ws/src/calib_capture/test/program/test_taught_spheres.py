@@ -44,6 +44,7 @@ def test_taught_spheres_come_out_where_they_were_measured(gauge, seed):
         assert found.measured_length == pytest.approx(found.certified_length, abs=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(40))
 def test_no_turn_about_the_bar_lifts_the_z_axis_higher(gauge, seed):
     generator = np.random.default_rng(seed)

@@ -97,6 +97,7 @@ def test_a_capture_killed_before_its_first_words_is_begun_anew(kr5, probe, gauge
         assert not bag.exists()
 
 
+@pytest.mark.system
 def test_a_killed_capture_keeps_every_acknowledged_pose_and_resumes_to_a_complete_set(
     graph, domain, kr5, probe, gauge, placements, config, tmp_path, monkeypatch
 ):

@@ -96,6 +96,7 @@ def late(in_step, offset):
     return joints, [each._replace(stamp=each.stamp - shift) for each in readings]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('offset', [0.003, -0.0041, 0.0])
 def test_an_injected_offset_is_found_to_a_fifth_of_a_millisecond(
     offset, kr5, probe, gauge, in_step
@@ -105,6 +106,7 @@ def test_an_injected_offset_is_found_to_a_fifth_of_a_millisecond(
     assert found.standard_uncertainty < 2e-4
 
 
+@pytest.mark.slow
 def test_what_is_told_while_it_goes_on_is_what_is_told_of_the_whole(kr5, probe, gauge, in_step):
     joints, readings = late(in_step, 0.003)
     estimate = ClockEstimate(kr5, probe, gauge)
@@ -133,6 +135,7 @@ def test_readings_of_another_day_tell_nothing_and_are_not_hoarded(kr5, probe, ga
     assert len(estimate._waiting) <= WAITING
 
 
+@pytest.mark.slow
 def test_an_arm_that_never_moves_in_contact_tells_nothing(kr5, probe, gauge, postures):
     still = streams(kr5, probe, gauge, postures, 0.003, swing=0.0)
     assert estimate_clock_offset(kr5, probe, gauge, *still) is None

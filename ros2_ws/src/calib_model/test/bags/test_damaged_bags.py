@@ -56,6 +56,7 @@ def every(length: int, step: int) -> Iterator[int]:
     yield from range(length - 60, length)
 
 
+@pytest.mark.slow
 def test_a_bag_cut_anywhere_gives_its_complete_chunks(
     bag: bytes, measured: Measurement, tmp_path: Path
 ) -> None:
@@ -94,6 +95,7 @@ def test_a_cut_bag_can_be_refused(bag: bytes, tmp_path: Path) -> None:
     assert len(list(read_messages(file, cut_allowed=False))) == 43
 
 
+@pytest.mark.slow
 def test_a_flipped_bit_never_gives_wrong_or_fewer_poses(
     bag: bytes, measured: Measurement, tmp_path: Path
 ) -> None:

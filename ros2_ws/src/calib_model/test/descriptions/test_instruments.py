@@ -73,6 +73,7 @@ def arms(draw: st.DrawFn) -> Arm:
     return Arm(draw(NAME), tuple(joints), draw(NAME), draw(NAME), *placed)
 
 
+@pytest.mark.slow
 @given(arms())
 def test_arms_come_back_bit_for_bit(arm: Arm) -> None:
     again = parse_arm(arm_yaml(arm))
@@ -194,6 +195,7 @@ def test_errors_name_the_source_the_place_and_what_is_due(
     assert '\n' not in str(caught.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('parse', [parse_arm, parse_probe, parse_gauge, parse_placements])
 @pytest.mark.parametrize(
     'text',

@@ -4,6 +4,8 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
 from calib_model.files.folder_lock import FolderLock
 
 HOLD = """
@@ -15,6 +17,7 @@ sys.stdin.read()
 """
 
 
+@pytest.mark.system
 def test_a_folder_is_one_writers_until_it_lets_go_or_dies(tmp_path):
     first, second = FolderLock(tmp_path), FolderLock(tmp_path)
     assert first.take()

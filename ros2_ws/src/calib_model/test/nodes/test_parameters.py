@@ -11,7 +11,7 @@ from calib_model.errors import ParameterError
 from calib_model.nodes.lifecycle import NodeCommand
 from calib_model.nodes.parameters import MOST_NAMED, Parameters, Proposal, Sheet, warn_of_unknown
 
-pytestmark = pytest.mark.timeout(30)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(30)]
 
 
 @pytest.fixture

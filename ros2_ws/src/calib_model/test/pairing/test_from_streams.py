@@ -61,7 +61,7 @@ LEG = st.tuples(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(LEG, min_size=2, max_size=12), st.sampled_from([0.001, 0.004, 0.03]))
 def test_stops_are_those_of_the_live_pairing(legs, joint_period):
     streams = streams_of([*legs, (0.3, 0.4, 1)], joint_period)

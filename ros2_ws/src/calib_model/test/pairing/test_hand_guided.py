@@ -82,7 +82,7 @@ def test_every_reading_has_the_joints_at_its_stamp():
         assert np.abs(each.joints - arm_at((each.stamp - T0) / SECOND)).max() < 5e-6
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     joint_rate=st.floats(60.0, 500.0),
     probe_rate=st.floats(60.0, 1000.0),
@@ -96,7 +96,7 @@ def test_arrival_of_one_stream_after_the_other_changes_nothing(joint_rate, probe
     assert same(fed(HandGuidedPairing(SETTINGS), arriving), together)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_messages_permuted_within_the_lateness_give_the_same(seed):
     joints, readings = streams(0.6)
@@ -109,7 +109,7 @@ def test_messages_permuted_within_the_lateness_give_the_same(seed):
     assert same(fed(HandGuidedPairing(patient), delayed), expected)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     seed=st.integers(0, 2**32 - 1),
     lost=st.floats(0.0, 0.5),

@@ -36,7 +36,7 @@ def test_pinocchio_reads_the_same_arm(arms: list[Arm], odd_arm: Arm) -> None:
         )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32))
 def test_identified_arms_keep_their_digits(seed: int) -> None:
     """Right angles a hair off are where roll, pitch and yaw lose digits if taken carelessly."""

@@ -39,7 +39,8 @@ def test_public_arms_stand_where_pinocchio_puts_them(name: str) -> None:
     assert (arm.base_frame, arm.flange_frame) == (base, flange)
 
 
-@settings(max_examples=80, deadline=None)
+@pytest.mark.slow
+@settings(max_examples=80)
 @given(seed=st.integers(0, 2**32 - 1), joints=st.integers(1, 4))
 def test_any_serial_chain_is_an_arm(seed: int, joints: int) -> None:
     text = random_urdf(np.random.default_rng(seed), joints)

@@ -57,7 +57,7 @@ def test_nothing_but_the_origins_named_changes() -> None:
     assert with_origins(URDF, {}) == URDF
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(st.floats(-3, 3), min_size=6, max_size=6))
 def test_what_was_written_is_read_back(numbers: list[float]) -> None:
     wanted = RigidTransform(np.array(numbers[:3]), np.array(numbers[3:])).matrix()

@@ -37,7 +37,8 @@ def off(arm: Arm, text: bytes) -> float:
     )
 
 
-@settings(max_examples=25, deadline=None)
+@pytest.mark.slow
+@settings(max_examples=25)
 @given(seed=st.integers(0, 2**32 - 1), joints=st.integers(2, 4))
 def test_any_urdf_takes_any_correction(seed: int, joints: int) -> None:
     """The last joint's own axis takes a d and a theta_0, its child link nothing else."""

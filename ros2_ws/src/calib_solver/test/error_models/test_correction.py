@@ -53,6 +53,7 @@ def test_it_lowers_two_sigma_where_nothing_was_fitted_by_a_fifth_and_more(eccent
     assert done.corrected.spheres.two_sigma.mean() < 0.8 * done.identified.spheres.two_sigma.mean()
 
 
+@pytest.mark.slow
 def test_what_locations_left_out_promise_is_what_they_keep(done):
     """The linear account of cross-validation, against the identification done anew without."""
     choice = done.choice_12
@@ -74,6 +75,7 @@ def test_what_locations_left_out_promise_is_what_they_keep(done):
     assert anew[1] / anew[0] == pytest.approx(after / before, abs=0.12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('noise', [0.0, 2e-5])
 def test_it_is_refused_where_only_the_geometry_is_off(plain, noise):
     nothing = JointErrors(JointTerms(2), np.zeros((4, 6)))
@@ -87,6 +89,7 @@ def test_it_is_refused_where_only_the_geometry_is_off(plain, noise):
     np.testing.assert_array_equal(found.full, bare.full)
 
 
+@pytest.mark.slow
 def test_it_is_refused_on_seven_joints_of_which_only_the_geometry_is_off():
     measured = simulate(iiwa(), passive(), 84, locations=6, noise=3e-5).measured
     assert not identify(measured, AUTO).choice_12.accepted
@@ -104,12 +107,14 @@ def test_columns_are_what_the_correction_does(done):
     assert np.abs(moved - point).max() > 1e-6
 
 
+@pytest.mark.slow
 def test_asked_for_in_any_case_it_is_taken(plain):
     done = identify(plain.measured, Options(correction='harmonic'))
     assert done.correction is not None
     assert 'taken as asked' in done.choice_12.verdict
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('objective', ['distance', 'position'])
 def test_it_serves_other_objectives_too(eccentric, objective):
     done = identify(parts(eccentric)[0], Options(objective, correction='auto'))
@@ -130,6 +135,7 @@ def test_too_few_locations_and_unknown_choices_are_refused(plain):
         identify(few, Options(correction='on'))
 
 
+@pytest.mark.slow
 def test_what_is_written_is_what_evaluate_applies(eccentric, tmp_path):
     measured = eccentric.measured
     last = measured.poses.location == 7

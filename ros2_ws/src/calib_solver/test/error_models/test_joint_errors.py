@@ -39,6 +39,7 @@ def done(bent: Scene):
     return identify(parts(bent)[0], ALL)
 
 
+@pytest.mark.slow
 def test_both_kinds_are_identified_and_help_where_nothing_was_fitted(bent, done):
     assert set(done.joint_error_choice.accepted) == set(KINDS)
     seen, unseen = parts(bent)
@@ -84,12 +85,14 @@ def test_the_fit_and_the_quality_are_of_one_model(done):
     assert assess(exact, done.arm, done.probe, model).phi < 1e-8 * done.identified.phi
 
 
+@pytest.mark.slow
 def test_only_the_kind_that_is_there_is_identified(plain):
     for kind in KINDS:
         seen, _ = parts(off_by(plain, true_errors((kind,), 2.0)))
         assert identify(seen, ALL).joint_error_choice.accepted == (kind,)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('probe', [active(), passive()])
 def test_an_arm_whose_only_errors_are_geometric_gets_none(plain, probe):
     scene = plain if probe.kind == 'active' else simulate(kr5(), probe, 82, locations=6)

@@ -60,6 +60,7 @@ def rejected(done):
     return [one.pose - 1 for one in done.rejected]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(6))
 @pytest.mark.parametrize('probe', [active, passive])
 def test_no_good_pose_is_lost(probe, seed):
@@ -70,11 +71,13 @@ def test_no_good_pose_is_lost(probe, seed):
     assert done.warnings == ()
 
 
+@pytest.mark.slow
 def test_clean_poses_give_the_same_arm_with_and_without_looking_for_gross_errors(scene):
     plain = identify(scene.measured, Options(loss='plain'))
     np.testing.assert_allclose(identify(scene.measured).full, plain.full, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(3))
 def test_slipped_contacts_are_left_out_with_their_sizes(scene, best, seed):
     bad = some(scene, seed)
@@ -97,6 +100,7 @@ def test_slipped_contacts_are_left_out_with_their_sizes(scene, best, seed):
     assert error(scene, plain) > 5 * best
 
 
+@pytest.mark.slow
 def test_mislabelled_poses_are_named_with_the_sphere_they_are_at(scene, best):
     bad = some(scene, 7)
     sphere = scene.measured.poses.sphere.copy()
@@ -110,6 +114,7 @@ def test_mislabelled_poses_are_named_with_the_sphere_they_are_at(scene, best):
     assert error(scene, done) < 1.2 * best
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('first', 'count'), [(35, 15), (50, 40), (100, 70)])
 @pytest.mark.parametrize('stylus', [0, 2])
 def test_a_stuck_stylus_is_called_stuck(scene, best, first, count, stylus):
@@ -133,6 +138,7 @@ def test_readings_that_repeat_and_fit_are_kept(scene):
     assert identify(replace(scene.measured, poses=again)).rejected == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('wrong', [3, 7])
 def test_a_sphere_mislabelled_throughout_is_set_apart_and_named(scene, best, wrong):
     poses = scene.measured.poses
@@ -144,6 +150,7 @@ def test_a_sphere_mislabelled_throughout_is_set_apart_and_named(scene, best, wro
     assert error(scene, done) < 1.2 * best
 
 
+@pytest.mark.slow
 def test_a_gauge_pushed_between_two_spheres_no_longer_bends_the_arm(scene, best):
     poses = scene.measured.poses
     bad = np.flatnonzero((poses.location == 3) & np.isin(poses.sphere, (10, 14)))
@@ -158,6 +165,7 @@ def test_a_gauge_pushed_between_two_spheres_no_longer_bends_the_arm(scene, best)
     assert error(scene, identify(spoilt(scene, joints=joints), Options(loss='plain'))) > 3 * best
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('objective', ['distance', 'position'])
 def test_the_other_objectives_leave_out_the_same_poses(scene, objective):
     bad = some(scene, 9)

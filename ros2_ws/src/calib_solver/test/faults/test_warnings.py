@@ -39,6 +39,7 @@ def jumped(measured, joint, size, first, last=None):
     return replace(measured, poses=without(measured.poses, joint, off))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('size', [-0.8, -0.1, 0.01, 0.3])
 @pytest.mark.parametrize('make', [kr5, iiwa, ur_like, lambda: random_arm(np.random.default_rng(5))])
 def test_a_jump_of_any_size_is_found_with_its_joint_size_and_moment(make, size):
@@ -81,6 +82,7 @@ def test_what_the_parameters_can_do_is_no_fault(measured):
     assert share[0] == 0.0  # the same for all poses: their mean takes it up
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('first', 'last'), [(1, 40), (41, 47), (200, 240), (1, 190), (20, 240)])
 def test_a_stretch_with_one_reading_is_found_from_its_first_pose_to_its_last(measured, first, last):
     read = np.array(measured.poses.displacement)

@@ -53,6 +53,7 @@ def arm_for(number):
     return (kr5, iiwa, lambda: random_arm(np.random.default_rng(number)))[number % 3]()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('number', range(10))
 def test_scipy_ends_at_the_same_phi(number):
     probe = active() if number % 2 else passive()

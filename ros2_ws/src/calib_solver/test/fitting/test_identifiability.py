@@ -115,6 +115,7 @@ def test_reasons_name_the_base_the_mount_and_the_parallel_axes():
     assert 'passive' in reasons['probe_rz']
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('probe', [active, passive])
 @pytest.mark.parametrize('make', [crossed, kr5, iiwa, scara_like, ur_like])
 def test_what_is_free_is_visible_and_what_is_frozen_is_not(make, probe):
@@ -197,12 +198,14 @@ def test_what_is_frozen_keeps_its_nominal_value_to_the_bit(active_scene):
     assert done.probe.flange_T_probe.translation[0] == MOUNT.translation[0]
 
 
+@pytest.mark.slow
 def test_fixing_everything_leaves_the_arm_as_it_was(active_scene):
     done = identify(active_scene.measured, Options(fix=('*',)))
     assert done.arm.geometry.tolist() == active_scene.measured.arm.geometry.tolist()
     assert done.identified.phi == done.initial.phi
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('which', ['clean_scene', 'active_scene', 'passive_scene'])
 @pytest.mark.parametrize('name', ['d1', 'theta_0_1'])
 def test_a_freed_parameter_that_nothing_shows_is_not_called_identifiable(name, which, request):

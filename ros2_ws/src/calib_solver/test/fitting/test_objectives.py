@@ -91,6 +91,7 @@ def ragged(measured):
     return replace(measured, poses=poses.take(~drop))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', OBJECTIVES)
 @pytest.mark.parametrize('make', [kr5, iiwa])
 @pytest.mark.parametrize('probe', [active, passive])
@@ -123,6 +124,7 @@ def test_the_normal_matrix_is_symmetric_and_positive(name, active_scene):
     assert values[0] >= -1e-12 * values[-1]
 
 
+@pytest.mark.slow
 def test_position_is_eq_10_at_the_best_placement_of_each_location():
     measured = simulate(kr5(), active(), 4, locations=2, poses=5, noise=1e-4).measured
     problem, table = Problem.of(measured), table_of(measured)

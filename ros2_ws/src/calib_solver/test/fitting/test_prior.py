@@ -16,6 +16,7 @@ from calib_solver.identification import identify
 pytestmark = pytest.mark.timeout(60)
 
 
+@pytest.mark.slow
 def test_noise_free_data_are_not_biased_by_a_prior_however_strong():
     scene = simulate(kr5(), passive(), 41, poses=14)
     narrow = {kind: sigma / 30 for kind, sigma in DEFAULT_SIGMA.items()}
@@ -60,6 +61,7 @@ def prediction_error(prior, scenes):
     return np.median(errors)
 
 
+@pytest.mark.slow
 def test_with_few_poses_a_prior_predicts_better_than_none():
     scenes = [
         simulate(kr5(), passive(), seed, locations=1, poses=3, noise=1e-3) for seed in range(60, 75)
@@ -69,6 +71,7 @@ def test_with_few_poses_a_prior_predicts_better_than_none():
     assert prediction_error(DEFAULT_PRIOR, scenes) < 0.75 * without
 
 
+@pytest.mark.slow
 def test_with_many_poses_the_default_prior_does_not_hurt():
     scenes = [
         simulate(kr5(), passive(), seed, locations=6, poses=40, noise=1e-4) for seed in range(3)

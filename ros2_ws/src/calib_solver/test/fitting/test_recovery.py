@@ -29,6 +29,7 @@ def scene(request):
     return simulate(arm, probe, 700 + request.param, locations=4, poses=12, errors=2.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('objective', OBJECTIVES)
 def test_the_truth_is_found_again_or_the_result_says_that_it_is_not(scene, objective):
     done = identify(scene.measured, Options(objective))

@@ -75,6 +75,7 @@ def trials() -> list[Trial]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('objective', OBJECTIVES)
 def test_95_per_cent_intervals_hold_the_truth_about_that_often(trials, objective):
     """One distance of each calibration, so that they are independent: of 40 such intervals fewer
@@ -83,6 +84,7 @@ def test_95_per_cent_intervals_hold_the_truth_about_that_often(trials, objective
     assert sum(held) >= 33
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('objective', OBJECTIVES)
 def test_errors_are_as_large_as_stated_neither_more_nor_less(trials, objective):
     """The mean square of scores of 40 calibrations is 1 with a standard deviation of 0.22 at most,
@@ -91,10 +93,12 @@ def test_errors_are_as_large_as_stated_neither_more_nor_less(trials, objective):
     assert 1 - 3 * 0.22 < square < 1 + 3 * 0.22
 
 
+@pytest.mark.slow
 def test_a_model_that_says_it_all_shows_no_misfit(trials):
     assert sum(trial.misfit > 1 for trial in trials) <= 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('objective', OBJECTIVES)
 def test_the_noise_of_a_pose_is_found_by_every_objective(objective):
     scene = calibration(3)
@@ -116,6 +120,7 @@ def test_more_poses_of_the_same_kind_make_surer():
     assert 2 < ratio < 5  # the root of ten, about
 
 
+@pytest.mark.slow
 def test_an_arm_that_is_no_dh_arm_shows_as_misfit():
     """A joint that turns too far by a sine of its own angle is in no D-H parameter."""
     scene = simulate(kr5(), active(), 951, locations=5, poses=40, noise=1e-5)

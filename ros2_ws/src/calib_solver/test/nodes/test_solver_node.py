@@ -41,7 +41,7 @@ from calib_solver.commands.identify import run
 DOMAIN = held_domain()
 DEMO = Path(__file__).resolve().parents[5] / 'bags' / 'demo' / 'identification'
 TIMEOUT = 20.0
-pytestmark = pytest.mark.timeout(60)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(60)]
 
 
 @pytest.fixture(scope='module')

@@ -95,6 +95,7 @@ def passes():
     return [*names, 'accumulate_compiled'] if compiled._kernel is not None else names
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', passes())
 @pytest.mark.parametrize('weighted', [False, True], ids=['equal', 'weighted'])
 @pytest.mark.parametrize('case', CASES)

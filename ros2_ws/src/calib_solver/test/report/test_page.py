@@ -119,6 +119,7 @@ def written(active_scene, tmp_path_factory):
     return finished.record, Page(text), text, folder
 
 
+@pytest.mark.slow
 def test_the_figures_people_ask_for_first_are_the_record_s(written):
     record, page, *_ = written
     rows = page.rows('In short')

@@ -27,7 +27,7 @@ from calib_solver.resampling.processes import in_processes
 from calib_solver.resampling.resampling import Plan, resample
 
 pytest.importorskip('distributed', reason='dask is not installed: an optional extra')
-pytestmark = pytest.mark.timeout(120)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 START = """
 import sys
 from distributed.cli.{0} import main

@@ -27,7 +27,7 @@ from calib_solver.resampling.processes import in_processes
 from calib_solver.resampling.resampling import Plan, exact_centers, resample
 from calib_solver.results import result_record
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 ALONE = in_processes(1)
 
 

@@ -84,6 +84,7 @@ def miss(world, poses):
     return points(world.arm, poses.joints, p_flange) - np.array(there)
 
 
+@pytest.mark.slow
 def test_without_noise_and_force_every_pose_has_the_sphere_where_it_is(kind):
     magnitudes = parse_magnitudes(WORLD.read_text()).without_noise()
     told = faro(kind)
@@ -92,6 +93,7 @@ def test_without_noise_and_force_every_pose_has_the_sphere_where_it_is(kind):
     assert np.abs(miss(exact.world, probing_set(taken))).max() < 1e-10
 
 
+@pytest.mark.slow
 def test_forces_and_noise_move_the_sphere_by_what_a_measuring_arm_is_off(hand, taken):
     off = np.linalg.norm(miss(hand.world, probing_set(taken)), axis=1)
     assert 2e-5 < np.median(off) < 5e-4
@@ -120,6 +122,7 @@ def test_every_sphere_in_reach_gets_its_share_and_the_others_are_named(hand):
     assert motion.poses == 6 * 40
 
 
+@pytest.mark.slow
 def test_the_true_arm_stays_within_its_limits(hand):
     for seating in hand.motion.seatings:
         stamps = np.arange(seating.begin, seating.end + 1, TICK)
@@ -154,6 +157,7 @@ def test_a_spheres_motion_does_not_depend_on_what_else_is_measured(scene, hand):
         assert one.level == other.level
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_poses_and_another_one_others(scene, taken):
     again, other = led(scene), led(scene, seed=2)
     assert np.array_equal(again.poses_of(3).joints, taken[3][1].joints)
@@ -166,6 +170,7 @@ def test_a_gauge_out_of_reach_is_refused(scene):
         led(scene, locations=(3,), spheres=(14,))
 
 
+@pytest.mark.slow
 def test_raw_streams_go_on_without_gaps_and_hold_every_pose(hand, taken):
     stamps, joints, read, displacement, status = [], [], [], [], []
     for stretch in hand.raw():
@@ -208,6 +213,7 @@ def test_one_command_makes_a_bag(monkeypatch, capsys, tmp_path, kind):
     assert 'exists already' in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_raw_bag_holds_both_streams_in_time_order(monkeypatch, tmp_path, kind):
     given = ('--locations', '1', '--spheres', '1', '--poses', '30', '--speed', '5')
     assert command(monkeypatch, kind, tmp_path / 'plain', *given) == 0

@@ -40,7 +40,7 @@ from selfcenter_probe.simulation import Magnitudes
 DOMAIN = held_domain()
 T0 = 1_700_000_000
 TIMEOUT = 20.0
-pytestmark = pytest.mark.timeout(60)
+pytestmark = [pytest.mark.system, pytest.mark.timeout(60)]
 
 
 @pytest.fixture
