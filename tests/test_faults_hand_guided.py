@@ -19,14 +19,14 @@ from sensor_msgs.msg import JointState
 
 from calib_bringup.processes import Child
 from calib_capture.commands.pair import pair_hand_guided_bag
-from calib_capture.recording import HAND_GUIDED_NOTE, HandGuidedRecord
-from calib_capture.replaying import read_raw
+from calib_capture.recording import HandGuidedRecord
+from calib_capture.replaying import read_recording
 from calib_model.bags import (
     read_measurement,
     read_note,
 )
 from calib_model.nodes import stamp_of
-from calib_model.pairing import Reading
+from calib_model.pairing import HAND_GUIDED_NOTE
 
 WITHIN_ONE_STATE = 1e-3  # rad that a joint of a hand-guided arm goes, at its fastest, and more
 TAKEN = re.compile(r'(\d+) poses of 1 spheres taken from (\d+) readings')
@@ -92,8 +92,7 @@ def test_one_message_in_a_hundred_dropped_doubled_or_late_changes_no_pose_and_is
     assert set(zip(poses.location, poses.sphere, strict=True)) == {(3, 6)}
     assert taken == len(poses) >= 20
     assert_as_sent(poses, states, readings)
-    raw = read_raw(bag).stream
-    assert came == sum(isinstance(each, Reading) for each in raw)
+    assert came == len(read_recording(bag).streams.reading_stamp)
     assert min(late, bridged) > 0
     pair_hand_guided_bag(
         bag, graph.folder / 'again', HandGuidedRecord.read(read_note(bag, HAND_GUIDED_NOTE), 'bag')

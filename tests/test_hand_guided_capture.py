@@ -16,13 +16,13 @@ pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
 from calib_bringup.domains import held_domain
 from calib_bringup.processes import Child, Children, graph_environment
 from calib_capture.commands.pair import pair_hand_guided_bag
-from calib_capture.recording import CLOCK_NOTE, HAND_GUIDED_NOTE, HandGuidedRecord
-from calib_capture.replaying import read_raw
+from calib_capture.recording import CLOCK_NOTE, HandGuidedRecord
+from calib_capture.replaying import read_recording
 from calib_model.bags import (
     read_measurement,
     read_note,
 )
-from calib_model.pairing import JointSample, Reading
+from calib_model.pairing import HAND_GUIDED_NOTE
 
 CONFIG = Path(__file__).resolve().parents[1] / 'ros2_ws/src/calib_bringup/config'
 SAID = re.compile(r'(\d+) poses of (\d+) spheres taken from (\d+) readings, (\d+) paired')
@@ -78,9 +78,8 @@ def test_a_led_arm_is_paired_live_as_it_is_from_the_bag_and_gone_on_with(graph, 
         wait=30.0,
     )
     (taken, spheres, readings, paired), text = captured(graph, tmp_path, 'first', 4.0)
-    raw = read_raw(tmp_path / 'bag').stream
-    came = np.array([each.stamp for each in raw if isinstance(each, Reading)])
-    states = np.array([each.stamp for each in raw if isinstance(each, JointSample)])
+    raw = read_recording(tmp_path / 'bag').streams
+    came, states = raw.reading_stamp, raw.joint_stamp
     assert (np.diff(came) == 2_000_000).all()  # as they were published: none is lost
     assert (np.diff(states) == 4_000_000).all()
     assert readings == len(came) >= 1000

@@ -24,9 +24,8 @@ from soak import SOAK, note
 
 from calib_bringup.domains import held_domain
 from calib_bringup.processes import Child, Children, graph_environment
-from calib_capture.replaying import read_raw
+from calib_capture.replaying import read_recording
 from calib_model.bags import read_measurement
-from calib_model.pairing import JointSample
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'ros2_ws/src/calib_bringup/config'
@@ -105,13 +104,8 @@ def test_a_led_arm_at_1_khz_is_recorded_to_the_last_reading_in_flat_memory(start
     assert found is not None, text
     taken, _, readings = (int(number) for number in found.groups())
     lost = {topic: int(count) for count, topic in LOST.findall(text)}
-    stamps: dict[type, list[int]] = {}
-    for each in read_raw(bag).stream:
-        stamps.setdefault(JointSample if isinstance(each, JointSample) else type(each), []).append(
-            each.stamp
-        )
-    states = np.array(stamps.pop(JointSample))
-    came = np.array(next(iter(stamps.values())))
+    streams = read_recording(bag).streams
+    states, came = streams.joint_stamp, streams.reading_stamp
     # every gap within a seating is of messages that the capture says it lost
     gaps = {
         '/joint_states': missed(states, 4_000_000),

@@ -10,7 +10,7 @@ import pytest
 
 from calib_capture.commands.pair import pair_hand_guided_bag
 from calib_capture.recording import HandGuidedRecord
-from calib_capture.replaying import PairedHandGuided, read_raw
+from calib_capture.replaying import PairedHandGuided, read_recording
 from calib_model.bags import BagWriter, cdr, write_descriptions
 from calib_model.pairing import ClockEstimate, HandGuidedSettings, JointSample, Reading
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
@@ -80,8 +80,7 @@ def paired(scene, tmp_path_factory):
     sets['one clock'] = tuple(
         pair(name, 'one_clock', BEHIND).measured for name in ('own', 'held_out')
     )
-    states = [each for each in read_raw(folder / 'own').stream if isinstance(each, JointSample)]
-    return sets, own.clock, states
+    return sets, own.clock, read_recording(folder / 'own').streams
 
 
 def test_the_offset_is_estimated_to_a_fifth_of_a_millisecond(paired):
@@ -127,9 +126,9 @@ def test_half_a_minute_at_one_sphere_promises_no_more_than_it_can(scene, seed):
 
 
 def test_corrected_joints_are_those_of_the_right_instant(paired):
-    sets, _, states = paired
-    poses, at = sets['corrected'][0].poses, np.array([each.stamp for each in states])
-    columns = np.transpose([each.joints for each in states])
+    sets, _, streams = paired
+    poses, at = sets['corrected'][0].poses, streams.joint_stamp
+    columns = streams.joints.T
     off = {
         shift: np.abs(
             np.transpose([np.interp(poses.stamp + shift, at, q) for q in columns]) - poses.joints

@@ -6,24 +6,32 @@ from __future__ import annotations
 import sys
 import tempfile
 from argparse import Namespace
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TypeVar
 
-from calib_capture.recording import HAND_GUIDED_NOTE, HandGuidedRecord
+from calib_capture.recording import HandGuidedRecord
 from calib_capture.replaying import (
     PairedHandGuided,
-    Repeated,
-    pair_recorded_guidance,
-    repeat_pairing,
+    PairedProgram,
+    paired_hand_guided,
+    paired_program,
 )
-from calib_model.bags import read_note, write_measurement
+from calib_model.bags import read_notes, write_measurement
 from calib_model.command_line import CommandParser, UsageError, number_from, run_command
 from calib_model.descriptions import parse_placements, read_description
 from calib_model.errors import BagError
 from calib_model.files import refuse_taken
 from calib_model.measurement import Measurement
-from calib_model.pairing import NOTE, PAIRING, HandGuidedSettings, SteadySettings, settings_of
+from calib_model.pairing import (
+    HAND_GUIDED_NOTE,
+    NOTE,
+    PAIRING,
+    HandGuidedSettings,
+    SteadySettings,
+    settings_of,
+)
 from calib_model.progress import Progress
 
 Settings = TypeVar('Settings', SteadySettings, HandGuidedSettings)
@@ -63,7 +71,7 @@ def pair(
     settings: SteadySettings,
     placements: Path | None = None,
     correct_clock: bool = False,
-) -> Repeated:
+) -> PairedProgram:
     """Write the bag `out` of the poses paired anew from `raw`; whole or not at all.
 
     Raises:
@@ -73,9 +81,9 @@ def pair(
     """
     _refuse_existing(out)
     places = None if placements is None else read_description(placements, parse_placements)
-    repeated = repeat_pairing(raw, settings, places, correct_clock, Progress(sys.stderr))
-    _write(out, repeated.measured)
-    return repeated
+    paired = paired_program(raw, settings, places, correct_clock, Progress(sys.stderr))
+    _write(out, paired.measured)
+    return paired
 
 
 def pair_hand_guided_bag(
@@ -89,9 +97,9 @@ def pair_hand_guided_bag(
         DataError: poses that do not fit the descriptions.
     """
     _refuse_existing(out)
-    repeated = pair_recorded_guidance(raw, note, correct_clock, Progress(sys.stderr))
-    _write(out, repeated.measured)
-    return repeated
+    paired = paired_hand_guided(raw, note, correct_clock, Progress(sys.stderr))
+    _write(out, paired.measured)
+    return paired
 
 
 def _refuse_existing(out: Path) -> None:
@@ -134,18 +142,19 @@ def _pair() -> None:
             help=f'{text}; as captured',
         )
     given = parser.parse_args()
-    note = HandGuidedRecord.read(read_note(given.raw, HAND_GUIDED_NOTE), str(given.raw))
+    notes = read_notes(given.raw, (NOTE, HAND_GUIDED_NOTE))
+    note = HandGuidedRecord.read(notes[HAND_GUIDED_NOTE], str(given.raw))
     led = given.mode == 'continuous' if given.mode else note is not None
-    repeated = _led(given, note) if led else _standing(given)
-    if given.correct_clock and repeated.clock is None:
+    paired = _led(given, note) if led else _standing(given, notes[NOTE])
+    if given.correct_clock and paired.clock is None:
         print('no motion in contact: the offset between the clocks cannot be told')
-    for line in repeated.lines():
+    for line in paired.lines():
         print(line)
-    print(f'{given.out}: {len(repeated.measured.poses)} poses')
+    print(f'{given.out}: {len(paired.measured.poses)} poses')
 
 
-def _standing(given: Namespace) -> Repeated:
-    settings = _chosen(settings_of(read_note(given.raw, NOTE)), given)
+def _standing(given: Namespace, note: Mapping[str, str]) -> PairedProgram:
+    settings = _chosen(settings_of(note), given)
     return pair(given.raw, given.out, settings, given.placements, given.correct_clock)
 
 

@@ -16,7 +16,6 @@ from calib_capture.nodes.marker_publisher import MarkerPublisher
 from calib_capture.nodes.parameters import CONTINUOUS
 from calib_capture.program import Program
 from calib_capture.recording import (
-    HAND_GUIDED_NOTE,
     Begun,
     HandGuidedRecord,
     HandGuidedSession,
@@ -30,6 +29,7 @@ from calib_capture.recording import (
 )
 from calib_model.bags import read_note
 from calib_model.errors import BagError, CalibrationError
+from calib_model.pairing import HAND_GUIDED_NOTE
 
 REMINDER = 3.0  # s between two lines that say what is being waited for
 

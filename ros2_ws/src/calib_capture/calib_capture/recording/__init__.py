@@ -8,7 +8,6 @@ from calib_model.lazy import lazily
 if TYPE_CHECKING:
     from calib_capture.recording.hand_guided_record import (
         CLOCK_NOTE as CLOCK_NOTE,
-        HAND_GUIDED_NOTE as HAND_GUIDED_NOTE,
         HandGuidedRecord as HandGuidedRecord,
         clock_line as clock_line,
     )

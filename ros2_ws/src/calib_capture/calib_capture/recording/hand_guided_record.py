@@ -4,17 +4,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 
 from calib_model.descriptions import parse_placements, placements_yaml
 from calib_model.errors import BagError
-from calib_model.pairing import ClockOffset, HandGuidedSettings, noted_number
+from calib_model.pairing import (
+    HAND_GUIDED_NOTE,
+    ClockOffset,
+    HandGuidedSettings,
+    hand_guided_settings_of,
+)
 from calib_model.stamps import SECOND
 from calib_model.transforms import RigidTransform
 
-HAND_GUIDED_NOTE = 'calib_capture led'
 CLOCK_NOTE = 'calib_capture clock'
-MOST_SHIFT = 3600 * SECOND  # ns
 APART = SECOND  # ns between the newest stamps of both streams that are worth a word
 
 
@@ -47,20 +50,13 @@ class HandGuidedRecord:
         """
         if not note:
             return None
+        settings, shift = hand_guided_settings_of(note, source)
         try:
-            given = {
-                each.name: noted_number(note, each.name, f'{source}: {HAND_GUIDED_NOTE}')
-                for each in fields(HandGuidedSettings)
-            }
             spheres = tuple(int(number) for number in note['spheres'].split())
-            shift, places = int(note['shift']), note['placements']
+            places = note['placements']
         except (KeyError, ValueError) as error:
             raise BagError(f'{source}: {HAND_GUIDED_NOTE}: {error}') from error
-        if not abs(shift) <= MOST_SHIFT:
-            raise BagError(f'{source}: {HAND_GUIDED_NOTE}: a shift of {shift} ns')
-        return HandGuidedRecord(
-            HandGuidedSettings(**given), parse_placements(places, source), spheres, shift
-        )
+        return HandGuidedRecord(settings, parse_placements(places, source), spheres, shift)
 
 
 def clock_content(found: ClockOffset | None, shift: int) -> dict[str, str]:

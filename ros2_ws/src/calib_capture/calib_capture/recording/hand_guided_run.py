@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -12,11 +12,18 @@ from typing import NamedTuple
 import numpy as np
 
 from calib_model.arrays import Array
-from calib_model.labelling import NOWHERE, SphereFinder
-from calib_model.pairing import NO_SPHERE, NO_TOUCH, HandGuidedSettings, PairedReading, travel
-from calib_model.stamps import SECOND
+from calib_model.labelling import NOWHERE, UNTOUCHED, SphereFinder
+from calib_model.pairing import (
+    REASONS,
+    HandGuidedSettings,
+    PairedReading,
+    PairedReadings,
+    SpacedPoses,
+)
 
-APART = SECOND // 10  # ns between readings that belong to one contact
+NO_SPHERE = 'no sphere known there'
+NO_TOUCH = 'no sphere of that diameter touches the tips'
+BLOCK = 4096  # readings that are held against all spheres at once
 
 
 class HandGuidedPose(NamedTuple):
@@ -60,6 +67,11 @@ class HandGuidedTally:
         """How many readings have been accounted for."""
         return self.paired + sum(self.refused.values())
 
+    def refuse(self, reason: str, count: int) -> None:
+        """Take note of so many refused readings."""
+        if count:
+            self.refused[reason] += count
+
     def line(self) -> str:
         """Counts in words."""
         why = ', '.join(f'{count} {reason}' for reason, count in self.refused.most_common())
@@ -71,78 +83,61 @@ class HandGuidedTally:
 
 
 class HandGuidedRun:
-    """Takes paired readings in time order and tells which of them are poses.
-
-    `current` is the sphere in the probe, None in the air.
-    """
+    """Takes paired readings in time order and tells which of them are poses."""
 
     def __init__(
         self, finder: SphereFinder, settings: HandGuidedSettings, planned: int = 0
     ) -> None:
         self.tally = HandGuidedTally(planned)
-        self.current: Held | None = None
         self._finder = finder
-        self._settings = settings
-        self._seated = round(settings.seated * SECOND)
-        self._begin = self._last = -APART
-        self._posture: Array | None = None  # of the last pose of this contact
-        self._unsure: deque[HandGuidedPose] = deque()  # the contact may end too soon after these
+        self._poses = SpacedPoses(settings)
+
+    @property
+    def current(self) -> Held | None:
+        """The sphere in the probe, None in the air."""
+        place = self._poses.place
+        return None if place is None else Held(*self._finder.labels[place])
 
     def take(self, readings: Sequence[PairedReading]) -> list[HandGuidedPose]:
         """The poses that are certain now."""
-        good = [reading for reading in readings if not reading.reason]
-        rows = iter(self._rows(good))
+        return self.take_many(PairedReadings.of(readings)) if readings else []
+
+    def take_many(self, readings: PairedReadings) -> list[HandGuidedPose]:
+        """As `take`, of columns."""
         poses: list[HandGuidedPose] = []
-        for reading in readings:
-            if reading.reason:
-                self.tally.refused[reading.reason] += 1
-                continue
-            row = int(next(rows))
-            if row < 0:
-                self.tally.refused[NO_SPHERE if row == NOWHERE else NO_TOUCH] += 1
-                continue
-            self.tally.paired += 1
-            poses += self._at(Held(*self._finder.labels[row]), reading)
+        for begin in range(0, len(readings.stamp), BLOCK):
+            poses += self._take(readings.part(slice(begin, begin + BLOCK)))
         for pose in poses:
             self.tally.spheres[Held(pose.location, pose.sphere)] += 1
         return poses
 
     def start_over(self) -> None:
         """Take back what is not certain yet."""
-        self.current, self._posture = None, None
-        self._unsure.clear()
+        self._poses.start_over()
 
     def seconds_left(self, _: float) -> float:
         """Only the operator knows."""
         return math.nan
 
-    def _rows(self, good: Sequence[PairedReading]) -> Sequence[int]:
-        if not good:
-            return ()
-        joints = np.array([reading.joints for reading in good])
-        displacement = np.array([reading.displacement for reading in good])
-        rows: list[int] = self._finder.rows(joints, displacement).tolist()
-        return rows
-
-    def _at(self, held: Held, reading: PairedReading) -> list[HandGuidedPose]:
-        """A reading on a sphere: the poses that it makes certain."""
-        since = reading.stamp - self._last
-        if held != self.current or not 0 < since <= APART:
-            self.current, self._begin, self._posture = held, reading.stamp, None
-            self._unsure.clear()
-        self._last = reading.stamp
-        sure = []
-        while self._unsure and self._unsure[0].stamp + self._seated <= reading.stamp:
-            sure.append(self._unsure.popleft())
-        if reading.stamp - self._begin >= self._seated and self._far_enough(reading):
-            assert reading.joints is not None
-            self._posture = reading.joints
-            self._unsure.append(
-                HandGuidedPose(reading.stamp, *held, reading.joints, reading.displacement)
+    def _take(self, readings: PairedReadings) -> list[HandGuidedPose]:
+        good = readings.paired
+        reasons = np.bincount(readings.reason[~good], minlength=len(REASONS))
+        for reason, count in zip(REASONS, reasons.tolist(), strict=True):
+            self.tally.refuse(reason, count)
+        if not good.any():
+            return []
+        joints, displacement = readings.joints[good], readings.displacement[good]
+        rows = self._finder.rows(joints, displacement)
+        self.tally.refuse(NO_SPHERE, int((rows == NOWHERE).sum()))
+        self.tally.refuse(NO_TOUCH, int((rows == UNTOUCHED).sum()))
+        there = rows >= 0
+        self.tally.paired += int(there.sum())
+        taken = self._poses.take(
+            readings.stamp[good][there], rows[there], joints[there], displacement[there]
+        )
+        return [
+            HandGuidedPose(
+                pose.stamp, *self._finder.labels[pose.place], pose.joints, pose.displacement
             )
-        return sure
-
-    def _far_enough(self, reading: PairedReading) -> bool:
-        if self._posture is None or reading.joints is None:
-            return True
-        return travel(self._posture, reading.joints) >= self._settings.spacing
+            for pose in taken
+        ]

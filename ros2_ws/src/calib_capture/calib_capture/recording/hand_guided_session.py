@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 from calib_capture.recording.hand_guided_record import (
     CLOCK_NOTE,
-    HAND_GUIDED_NOTE,
     HandGuidedRecord,
     apart,
     clock_content,
@@ -19,6 +18,7 @@ from calib_capture.recording.recorder import Recorder
 from calib_model.bags import cdr
 from calib_model.pairing import (
     BRIDGED,
+    HAND_GUIDED_NOTE,
     UNSURE,
     ClockEstimate,
     HandGuidedPairing,

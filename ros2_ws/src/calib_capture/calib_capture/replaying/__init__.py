@@ -8,12 +8,11 @@ from calib_model.lazy import lazily
 if TYPE_CHECKING:
     from calib_capture.replaying.pair_hand_guided import (
         PairedHandGuided as PairedHandGuided,
-        pair_recorded_guidance as pair_recorded_guidance,
+        paired_hand_guided as paired_hand_guided,
     )
     from calib_capture.replaying.pair_program import (
-        Repeated as Repeated,
-        read_raw as read_raw,
-        repeat_pairing as repeat_pairing,
+        PairedProgram as PairedProgram,
+        paired_program as paired_program,
     )
     from calib_capture.replaying.playback import (
         OfferedQos as OfferedQos,
@@ -21,6 +20,10 @@ if TYPE_CHECKING:
         Timing as Timing,
         offered_qos as offered_qos,
         read_playback as read_playback,
+    )
+    from calib_capture.replaying.raw_recording import (
+        RawRecording as RawRecording,
+        read_recording as read_recording,
     )
 else:
     __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -15,12 +15,12 @@ from calib_capture.recording import (
     HandGuidedTally,
     clock_line,
 )
-from calib_capture.replaying.pair_program import clock_of, read_raw
+from calib_capture.replaying.raw_recording import read_recording
 from calib_model.errors import BagError
 from calib_model.labelling import SphereFinder
 from calib_model.measurement import Measurement, ProbingSet
-from calib_model.pairing import BRIDGED, ClockOffset, HandGuidedPairing, PairedReading, Reading
-from calib_model.progress import Progress, paced
+from calib_model.pairing import BRIDGED, OUT_OF_ORDER, ClockOffset, Gaps, pair_readings
+from calib_model.progress import Progress
 from calib_model.stamps import SECOND
 
 
@@ -42,7 +42,7 @@ class PairedHandGuided:
         return [self.tally.line(), *late, *bridged, clock_line(self.clock, self.shift)]
 
 
-def pair_recorded_guidance(
+def paired_hand_guided(
     path: Path,
     note: HandGuidedRecord,
     correct_clock: bool = False,
@@ -58,26 +58,26 @@ def pair_recorded_guidance(
         DescriptionError: a description in the bag cannot be used.
         DataError: poses that do not fit the descriptions.
     """
-    raw = read_raw(path, progress)
-    clock = clock_of(raw)
+    raw = read_recording(path, progress)
+    clock = raw.clock()
     shift = note.shift
     if correct_clock:
         shift = round(clock.seconds * SECOND) if clock is not None else 0
-    pairing = HandGuidedPairing(note.settings, shift)
-    paired: list[PairedReading] = []
-    for message in paced(raw.stream, progress, 'pairing', 'messages', 1024):
-        if isinstance(message, Reading):
-            paired += pairing.add_reading(message)
-        else:
-            paired += pairing.add_joints(message)
-    paired += pairing.finish()
     finder = SphereFinder(raw.arm, raw.probe, raw.gauge, note.placements, note.spheres)
     run = HandGuidedRun(finder, note.settings)
-    poses = sorted(run.take(paired), key=lambda pose: pose.stamp)
+    poses, gaps, late_joints = [], Gaps(), 0
+    for stretch in raw.streams.stretches():
+        streams = stretch.ordered(note.settings.lateness)
+        paired = pair_readings(streams, note.settings.max_gap, shift)
+        run.tally.refuse(OUT_OF_ORDER, streams.late_readings)
+        poses += run.take_many(paired)
+        gaps.see(paired.gap)
+        late_joints += streams.late_joints
+    poses.sort(key=lambda pose: pose.stamp)
     if not poses:
         raise BagError(f'{path}: no pose comes of it: {run.tally.line()}')
     measured = Measurement(raw.arm, raw.probe, raw.gauge, _probing_set(poses), str(path)).checked()
-    return PairedHandGuided(measured, run.tally, pairing.late_joints, clock, shift, pairing.bridged)
+    return PairedHandGuided(measured, run.tally, late_joints, clock, shift, gaps.bridged)
 
 
 def _probing_set(poses: list[HandGuidedPose]) -> ProbingSet:

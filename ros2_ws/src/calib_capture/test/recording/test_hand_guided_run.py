@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from calib_capture.recording.hand_guided_record import HandGuidedRecord, apart
-from calib_capture.recording.hand_guided_run import HandGuidedRun
+from calib_capture.recording.hand_guided_run import NO_SPHERE, NO_TOUCH, HandGuidedRun
 from calib_model.errors import BagError
 from calib_model.kinematics import points
 from calib_model.labelling import NOWHERE, UNTOUCHED, SphereFinder
-from calib_model.pairing import NO_SPHERE, NO_TOUCH, HandGuidedSettings, PairedReading
+from calib_model.pairing import HandGuidedSettings, PairedReading
 from calib_model.stamps import SECOND
 
 pytestmark = pytest.mark.timeout(60)

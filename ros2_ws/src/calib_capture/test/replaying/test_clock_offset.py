@@ -15,9 +15,11 @@ from calib_model.pairing import (
     WAITING,
     ClockEstimate,
     JointSample,
+    RawStreams,
     Reading,
     SteadySettings,
     estimate_clock_offset,
+    interpolated,
 )
 from calib_model.stamps import SECOND
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
@@ -96,14 +98,34 @@ def late(in_step, offset):
     return joints, [each._replace(stamp=each.stamp - shift) for each in readings]
 
 
+def columns(joints, readings):
+    """Both streams as arrays."""
+    return RawStreams(
+        np.array([each.stamp for each in joints]),
+        np.array([each.joints for each in joints]),
+        np.array([each.stamp for each in readings]),
+        np.array([each.displacement for each in readings]),
+        np.array([each.status for each in readings]),
+    )
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('offset', [0.003, -0.0041, 0.0])
 def test_an_injected_offset_is_found_to_a_fifth_of_a_millisecond(
     offset, kr5, probe, gauge, in_step
 ):
-    found = estimate_clock_offset(kr5, probe, gauge, *late(in_step, offset))
+    found = estimate_clock_offset(kr5, probe, gauge, [columns(*late(in_step, offset))])
     assert abs(found.seconds - offset) < 2e-4
     assert found.standard_uncertainty < 2e-4
+
+
+def fed(estimate, joints, readings):
+    for message in sorted([*joints, *readings], key=lambda each: each.stamp):
+        if isinstance(message, Reading):
+            estimate.see_reading(message)
+        else:
+            estimate.see_joints(message)
+    return estimate
 
 
 @pytest.mark.slow
@@ -120,15 +142,18 @@ def test_what_is_told_while_it_goes_on_is_what_is_told_of_the_whole(kr5, probe, 
         if len(told) < estimate.chunks - 6:
             told.append(estimate.estimate())
     estimate.finish()
-    whole = estimate_clock_offset(kr5, probe, gauge, joints, readings)
+    whole = estimate_clock_offset(kr5, probe, gauge, [columns(joints, readings)])
     assert estimate.estimate().seconds == pytest.approx(whole.seconds, abs=2e-5)
+    unasked = fed(ClockEstimate(kr5, probe, gauge), joints, readings)
+    unasked.finish()
+    assert unasked.estimate() == whole
     assert told
     assert all(each is None or abs(each.seconds - 0.003) < 5e-4 for each in told)
 
 
 def test_readings_of_another_day_tell_nothing_and_are_not_hoarded(kr5, probe, gauge, in_step):
     joints, readings = late(in_step, 86400.0)
-    assert estimate_clock_offset(kr5, probe, gauge, joints, readings) is None
+    assert estimate_clock_offset(kr5, probe, gauge, [columns(joints, readings)]) is None
     estimate = ClockEstimate(kr5, probe, gauge)
     for reading in readings:
         estimate.see_reading(reading)
@@ -138,13 +163,13 @@ def test_readings_of_another_day_tell_nothing_and_are_not_hoarded(kr5, probe, ga
 @pytest.mark.slow
 def test_an_arm_that_never_moves_in_contact_tells_nothing(kr5, probe, gauge, postures):
     still = streams(kr5, probe, gauge, postures, 0.003, swing=0.0)
-    assert estimate_clock_offset(kr5, probe, gauge, *still) is None
+    assert estimate_clock_offset(kr5, probe, gauge, [columns(*still)]) is None
 
 
 def test_streams_without_contact_tell_nothing(kr5, probe, gauge, in_step):
     joints, readings = in_step
     away = [reading._replace(status=(1, 1, 1)) for reading in readings]
-    assert estimate_clock_offset(kr5, probe, gauge, joints, away) is None
+    assert estimate_clock_offset(kr5, probe, gauge, [columns(joints, away)]) is None
 
 
 def test_pair_reports_the_offset_and_corrects_it_when_asked(
@@ -169,10 +194,10 @@ def test_pair_reports_the_offset_and_corrects_it_when_asked(
         done = pair(tmp_path / 'raw', out, anything, tmp_path / 'places.yaml', corrected)
         assert abs(done.clock.seconds - 0.003) < 2e-4
         poses = read_measurement(out).poses
-        at = [(each.stamp - T0) / SECOND for each in joints]
+        told = columns(joints, readings)
         for shift in (0.0, 0.003):
-            t = (poses.stamp - T0) / SECOND + shift
-            right = [np.interp(t, at, [each.joints[i] for each in joints]) for i in range(6)]
-            spread[corrected, shift] = np.abs(np.transpose(right) - poses.joints).max()
+            instants = poses.stamp + round(shift * SECOND)
+            right = interpolated(told.joint_stamp, told.joints, instants, 0.1).joints
+            spread[corrected, shift] = np.abs(right - poses.joints).max()
     assert spread[False, 0.0] < 1e-7
     assert spread[True, 0.003] < 2e-6 < spread[False, 0.003]

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         listed_topics as listed_topics,
     )
     from calib_model.bags.measurement import (
+        PoseMessages as PoseMessages,
         read_measurement as read_measurement,
     )
     from calib_model.bags.measurement_writer import (
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
         cut_files as cut_files,
         read_messages as read_messages,
         read_note as read_note,
+        read_notes as read_notes,
     )
     from calib_model.bags.recovery import (
         recover as recover,

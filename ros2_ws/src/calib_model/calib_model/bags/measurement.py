@@ -35,31 +35,54 @@ def read_measurement(
         DescriptionError: a description in the bag cannot be used.
         DataError: a pose does not fit the descriptions.
     """
-    described = BagDescriptions(path)
-    poses: list[bytes] = []
-    size = 0
+    described, poses = BagDescriptions(path), PoseMessages(path)
     for message in read_messages(path, {topic.name for topic in (*DESCRIPTIONS, CAPTURE_POSES)}):
-        if message.topic == CAPTURE_POSES.name:
-            _check_type(path, message, CAPTURE_POSES.type)
-            size += len(message.data)
-            if len(message.data) > LARGEST_POSE or size > LARGEST_SET:
-                raise BagError(
-                    f'{path}: {CAPTURE_POSES.name}, message {len(poses) + 1} has '
-                    f'{len(message.data)} bytes, {size} with those before: more than is taken'
-                )
-            poses.append(message.data)
-        else:
-            described.take(message)
-    if not poses:
+        (poses if message.topic == CAPTURE_POSES.name else described).take(message)
+    found = poses.read()
+    if found is None:
         raise BagError(f'{path}: the bag has no messages on {CAPTURE_POSES.name}')
     measured = Measurement(
         arm or described.arm(),
         probe or described.probe(),
         gauge or described.gauge(),
-        decode_poses(poses) or _one_by_one(path, poses),
+        found,
         str(path),
     )
     return measured.checked()
+
+
+class PoseMessages:
+    """Gathers the messages on /capture/poses of the bag at `path`."""
+
+    def __init__(self, path: str | Path) -> None:
+        self._path = path
+        self._messages: list[bytes] = []
+        self._size = 0
+
+    def take(self, message: BagMessage) -> None:
+        """Keep one.
+
+        Raises:
+            BagError: it is no pose, or more than is taken.
+        """
+        _check_type(self._path, message, CAPTURE_POSES.type)
+        self._size += len(message.data)
+        if len(message.data) > LARGEST_POSE or self._size > LARGEST_SET:
+            raise BagError(
+                f'{self._path}: {CAPTURE_POSES.name}, message {len(self._messages) + 1} has '
+                f'{len(message.data)} bytes, {self._size} with those before: more than is taken'
+            )
+        self._messages.append(message.data)
+
+    def read(self) -> ProbingSet | None:
+        """The poses, None without any.
+
+        Raises:
+            BagError: one cannot be read, or they have different numbers of joints.
+        """
+        if not self._messages:
+            return None
+        return decode_poses(self._messages) or _one_by_one(self._path, self._messages)
 
 
 def _check_type(path: str | Path, message: BagMessage, expected: str) -> None:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
@@ -110,7 +110,16 @@ def read_note(path: str | Path, name: str) -> dict[str, str]:
     Raises:
         BagError: there is no bag at `path`, or it cannot be read.
     """
-    found: dict[str, str] = {}
+    return read_notes(path, (name,))[name]
+
+
+def read_notes(path: str | Path, names: Sequence[str]) -> dict[str, dict[str, str]]:
+    """As `read_note`, of several names: it takes a walk through all of the bag.
+
+    Raises:
+        BagError: there is no bag at `path`, or it cannot be read.
+    """
+    found: dict[str, dict[str, str]] = {name: {} for name in names}
     for file in bag_files(path):
         try:
             if is_sqlite(file):
@@ -118,8 +127,8 @@ def read_note(path: str | Path, name: str) -> dict[str, str]:
             with open_unpacked(file) as stream:
                 reader = StreamReader(stream, emit_chunks=True, record_size_limit=LARGEST_RECORD)
                 for record in reader.records:
-                    if isinstance(record, Metadata) and record.name == name:
-                        found = dict(record.metadata)
+                    if isinstance(record, Metadata) and record.name in found:
+                        found[record.name] = dict(record.metadata)
         except OSError as error:
             raise BagError(f'{file}: cannot be read: {error.strerror}') from error
         except DAMAGE:

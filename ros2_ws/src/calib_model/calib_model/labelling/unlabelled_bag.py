@@ -3,23 +3,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib_model.arrays import Array
-from calib_model.bags import Told, listed_topics, read_note
+from calib_model.bags import Told, listed_topics, read_notes
 from calib_model.errors import BagError, ContactError, DataError
-from calib_model.instruments import Arm, Gauge, Probe
+from calib_model.instruments import Arm, Gauge, Probe, known_centers
 from calib_model.kinematics import points
 from calib_model.labelling.certificate_match import Certificate
 from calib_model.labelling.raw_settings import Instruments, RawSettings
 from calib_model.labelling.sphere_clusters import SeenLocation, SphereClustering, SphereClusters
 from calib_model.labelling.sphere_numbering import Numbering, numbered
 from calib_model.measurement import Measurement, ProbingSet
-from calib_model.pairing import NOTE, SteadyPose, pair_streams, read_raw, settings_of
+from calib_model.pairing import (
+    HAND_GUIDED_NOTE,
+    NOTE,
+    HandGuidedSettings,
+    SteadyPose,
+    hand_guided_settings_of,
+    pair_streams,
+    read_raw,
+    settings_of,
+)
 from calib_model.topics import ARM_DESCRIPTION, GAUGE_DESCRIPTION, PROBE_DESCRIPTION
 
 MOST_STRAYS = 5  # that are told one by one
@@ -62,19 +72,28 @@ def label_bag(
     names = choice.topics.joints or arm.joint_names
     if len(names) != arm.n:
         raise DataError(f'--joints names {len(names)} joints, the arm {arm.name} has {arm.n}')
-    streams = bag.streams(names)
+    notes = read_notes(path, (NOTE, HAND_GUIDED_NOTE))
     settings = replace(
-        settings_of(read_note(path, NOTE)),
+        settings_of(notes[NOTE]),
         **dict(choice.settings),  # type: ignore[arg-type]
     )
-    paired = pair_streams(streams, settings, choice.standing)
+    guided, shift = _guided(notes[HAND_GUIDED_NOTE], str(path))
+    streams = bag.streams(names, settings.lateness if guided is None else guided.lateness)
+
+    def touching(displacement: Array) -> NDArray[np.bool_]:
+        centers = known_centers(probe, displacement, gauge.sphere_diameter)
+        return np.asarray(np.isfinite(centers).all(axis=1))
+
+    paired = pair_streams(streams, settings, choice.standing, guided, shift, touching)
     lines = [
         f'{path}: {len(streams.joints)} joint states and {len(streams.displacement)} readings in '
         f'{streams.seconds:.0f} s',
         *paired.lines(),
     ]
-    if streams.unordered:
-        lines.append(f'{streams.unordered} messages with stamps that came twice left out')
+    if streams.late:
+        lines.append(
+            f'{streams.late} messages out of order, or with stamps that came twice, left out'
+        )
     poses, p_base, unusable = _seen(arm, probe, gauge, paired.poses)
     if unusable:
         lines.append(f'{unusable} poses left out: readings that no sphere of the gauge gives')
@@ -90,6 +109,11 @@ def label_bag(
         raise DataError(f'{path}: {_nothing(grouped)}')
     measured = Measurement(arm, probe, gauge, _by_place(poses, grouped), str(path))
     return Sorted(measured, tuple(grouped.locations), certificate, grouping.near, tuple(lines))
+
+
+def _guided(note: Mapping[str, str], source: str) -> tuple[HandGuidedSettings | None, int]:
+    """What a hand-guided arm was paired with as it was captured, if it was."""
+    return hand_guided_settings_of(note, source) if note else (None, 0)
 
 
 def _refuse_undescribed(path: str | Path, given: Instruments, there: Container[str]) -> None:

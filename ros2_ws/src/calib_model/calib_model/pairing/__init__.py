@@ -14,26 +14,43 @@ if TYPE_CHECKING:
     )
     from calib_model.pairing.from_streams import (
         pair_streams as pair_streams,
+        recorded_outcomes as recorded_outcomes,
     )
     from calib_model.pairing.hand_guided import (
-        BRIDGED as BRIDGED,
-        NO_SPHERE as NO_SPHERE,
-        NO_TOUCH as NO_TOUCH,
-        UNSURE as UNSURE,
         HandGuidedPairing as HandGuidedPairing,
+    )
+    from calib_model.pairing.interpolation import (
+        JointsAt as JointsAt,
+        interpolated as interpolated,
+    )
+    from calib_model.pairing.paired_readings import (
+        BRIDGED as BRIDGED,
+        OUT_OF_ORDER as OUT_OF_ORDER,
+        REASONS as REASONS,
+        UNSURE as UNSURE,
+        Gaps as Gaps,
         HandGuidedSettings as HandGuidedSettings,
         PairedReading as PairedReading,
-        travel as travel,
+        PairedReadings as PairedReadings,
+        pair_readings as pair_readings,
+    )
+    from calib_model.pairing.raw_bag import (
+        read_raw as read_raw,
     )
     from calib_model.pairing.raw_topics import (
         RawTopics as RawTopics,
     )
     from calib_model.pairing.settings_record import (
+        HAND_GUIDED_NOTE as HAND_GUIDED_NOTE,
         NOTE as NOTE,
         PAIRING as PAIRING,
+        hand_guided_settings_of as hand_guided_settings_of,
         note_of as note_of,
         noted_number as noted_number,
         settings_of as settings_of,
+    )
+    from calib_model.pairing.spaced_poses import (
+        SpacedPoses as SpacedPoses,
     )
     from calib_model.pairing.stop_and_go import (
         JointSample as JointSample,
@@ -47,7 +64,8 @@ if TYPE_CHECKING:
         usable as usable,
     )
     from calib_model.pairing.streams import (
-        read_raw as read_raw,
+        RawStreams as RawStreams,
+        RecordedStreams as RecordedStreams,
     )
 else:
     __getattr__, __dir__, __all__ = lazily(__name__, __file__)

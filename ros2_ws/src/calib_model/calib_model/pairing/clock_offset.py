@@ -10,25 +10,27 @@ together with the offset, to first order, and forgotten.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from heapq import merge
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calib_model.arrays import Array
 from calib_model.instruments import Arm, Gauge, Probe, known_centers
 from calib_model.kinematics import points, probing_jacobian
-from calib_model.pairing.stop_and_go import JointSample, Reading, usable
+from calib_model.pairing.interpolation import interpolated
+from calib_model.pairing.stop_and_go import GRAVEST, JointSample, Reading, objections, usable
+from calib_model.pairing.stream_order import STEP_BACK, Rows
+from calib_model.pairing.streams import RawStreams
 from calib_model.stamps import SECOND
 
 FINE = 0.02  # s between joint states up to which the arm's way between them is known
 APART = 0.1  # s between readings that belong to one contact
-SPACING = 0.0079  # s between readings that are looked at: more of them tell little more
+SPACING = 7_900_000  # ns between readings that are looked at: more of them tell little more
 CHUNK = 200  # readings that are kept together
 WHILE = 25  # readings within which nothing but motion moves the sphere
 STEP = 8e-3  # s of the central difference: noise of joint states is no velocity
+FEW = 2  # readings in a row that tell nothing
 SLOWEST = 2e-3  # m/s that count as motion
 FEWEST = 20  # readings in motion that an estimate needs
 ROUNDS = 20
@@ -65,14 +67,14 @@ class ClockOffset:
 
 @dataclass(frozen=True)
 class _Chunk:
-    """Consecutive readings of one contact: `t` (N,), s, and `p_probe` (N, 3), m, of each.
+    """Consecutive readings of one contact: `stamp` (N,), ns, and `p_probe` (N, 3), m, of each.
 
-    `t_joints` (M,) and `q` (M, n) are the joint states around them.
+    `joint_stamp` (M,), ns, and `q` (M, n) are the joint states around them.
     """
 
-    t: Array
+    stamp: Rows
     p_probe: Array
-    t_joints: Array
+    joint_stamp: Rows
     q: Array
 
 
@@ -91,14 +93,14 @@ class _Sums:
 
 
 class ClockEstimate:
-    """Takes both streams message by message and tells the offset between their clocks so far.
+    """Takes both streams, message by message or whole, and tells the offset between their clocks.
 
-    Each stream comes in the order of its stamps; messages that do not are left out.
+    Each stream comes in the order of its stamps; messages that do not are left out. Either way the
+    same readings are looked at, with the same joint states around them.
     """
 
     def __init__(self, arm: Arm, probe: Probe, gauge: Gauge) -> None:
         self._arm, self._probe, self._diameter = arm, probe, gauge.sphere_diameter
-        self._origin: int | None = None
         self._joints: deque[JointSample] = deque()
         self._open: list[Reading] = []
         self._waiting: deque[list[Reading]] = deque()
@@ -115,18 +117,23 @@ class ClockEstimate:
 
     def see_joints(self, sample: JointSample) -> None:
         """Take one joint state."""
-        if self._joints and sample.stamp <= self._joints[-1].stamp:
+        newest = self._joints[-1].stamp if self._joints else sample.stamp - 1
+        if sample.stamp < newest - STEP_BACK:
+            self.finish()
+            self._joints.clear()
+        elif sample.stamp <= newest:
             return
-        if self._origin is None:
-            self._origin = sample.stamp
         self._joints.append(sample)
         while self._waiting and self._waiting[0][-1].stamp + MARGIN <= sample.stamp:
-            self._keep(self._waiting.popleft())
+            self._keep_waiting()
         self._forget()
 
     def see_reading(self, reading: Reading) -> None:
         """Take one probe reading."""
-        if any(reading.status) or reading.stamp < self._last + SPACING * SECOND:
+        if reading.stamp < self._last - STEP_BACK:
+            self._end_chunk()
+            self._last = -1
+        if any(reading.status) or reading.stamp < self._last + SPACING:
             return
         if not usable(reading.displacement):
             return
@@ -135,11 +142,29 @@ class ClockEstimate:
         self._last = reading.stamp
         self._open.append(reading)
 
+    def see_streams(self, streams: RawStreams) -> None:
+        """Take both streams whole; what was seen before is no part of them."""
+        against = objections(streams.status, streams.displacement)
+        rows = np.flatnonzero(against == len(GRAVEST))
+        rows = rows[_spaced(streams.reading_stamp[rows], SPACING)]
+        stamp = streams.reading_stamp[rows]
+        contacts = np.split(rows, np.flatnonzero(np.diff(stamp) > APART * SECOND) + 1)
+        for contact in contacts:
+            for begin in range(0, len(contact), CHUNK):
+                chunk = contact[begin : begin + CHUNK]
+                if len(chunk) > FEW:
+                    self._keep(
+                        streams.reading_stamp[chunk],
+                        streams.displacement[chunk],
+                        streams.joint_stamp,
+                        streams.joints,
+                    )
+
     def finish(self) -> None:
         """Take in what is left: no more messages are coming."""
         self._end_chunk()
         while self._waiting:
-            self._keep(self._waiting.popleft())
+            self._keep_waiting()
 
     def estimate(self) -> ClockOffset | None:
         """The offset, None where the streams do not tell: no motion in contact, or too little."""
@@ -166,7 +191,7 @@ class ClockEstimate:
         return prior
 
     def _end_chunk(self) -> None:
-        if len(self._open) > 2:
+        if len(self._open) > FEW:
             self._waiting.append(self._open)
         if len(self._waiting) > WAITING:
             self._waiting.popleft()
@@ -183,73 +208,75 @@ class ClockEstimate:
         while self._joints and self._joints[0].stamp < keep:
             self._joints.popleft()
 
-    def _keep(self, readings: list[Reading]) -> None:
+    def _keep_waiting(self) -> None:
+        readings = self._waiting.popleft()
+        self._keep(
+            np.array([each.stamp for each in readings]),
+            np.array([each.displacement for each in readings]),
+            np.array([each.stamp for each in self._joints], dtype=np.int64),
+            np.array([each.joints for each in self._joints]),
+        )
+
+    def _keep(self, stamp: Rows, displacement: Array, joint_stamp: Rows, joints: Array) -> None:
         self._skipped += 1
-        if self._skipped < self._every or len(self._joints) < 2 or self._origin is None:
+        if self._skipped < self._every:
             return
         self._skipped = 0
-        t = np.array([each.stamp - self._origin for each in readings]) / SECOND
-        t_joints = np.array([each.stamp - self._origin for each in self._joints]) / SECOND
-        q = np.array([each.joints for each in self._joints])
-        first, last = np.searchsorted(t_joints, [t[0] - MARGIN / SECOND, t[-1] + MARGIN / SECOND])
+        first, last = np.searchsorted(joint_stamp, [stamp[0] - MARGIN, stamp[-1] + MARGIN])
         if last - first < 2:
             return
-        s = np.array([each.displacement for each in readings])
-        p_probe = known_centers(self._probe, s, self._diameter)
+        p_probe = known_centers(self._probe, displacement, self._diameter)
         good = np.isfinite(p_probe).all(axis=1)
         # copies: a slice would keep all the joint states there were
-        around = t_joints[first:last].copy(), q[first:last].copy()
-        self._chunks.append(_Chunk(t[good], p_probe[good], *around))
+        around = joint_stamp[first:last].copy(), joints[first:last].copy()
+        self._chunks.append(_Chunk(stamp[good], p_probe[good], *around))
         if len(self._chunks) > KEPT:  # every second one tells almost as much
             self._chunks, self._sums = self._chunks[::2], []
             self._every *= 2
 
     def _summed(self, chunk: _Chunk) -> _Sums:
-        known = _finely_known(chunk.t_joints, chunk.t + self._around)
-        at, p_probe = chunk.t[known] + self._around, chunk.p_probe[known]
-        if len(at) < 3:
+        at = chunk.stamp + round(self._around * SECOND)
+        step = round(STEP * SECOND)
+        before, here, after = (
+            interpolated(chunk.joint_stamp, chunk.q, at + shift, FINE) for shift in (-step, 0, step)
+        )
+        known = before.known & here.known & after.known
+        p_probe = chunk.p_probe[known]
+        if len(p_probe) <= FEW:
             return _Sums(0, 0, np.zeros(0))
-
-        def joints(shift: float) -> Array:
-            turned = [np.interp(at + shift, chunk.t_joints, column) for column in chunk.q.T]
-            return np.stack(turned, axis=1)
-
         p_flange = self._probe.flange_T_probe.apply(p_probe)
-        before, after = (points(self._arm, joints(shift), p_flange) for shift in (-STEP, STEP))
-        rate = (after - before) / (2 * STEP)  # m/s
+        ends = [points(self._arm, each.joints[known], p_flange) for each in (before, after)]
+        rate = (ends[1] - ends[0]) / (2 * STEP)  # m/s
         moving = np.linalg.norm(rate, axis=1) > SLOWEST
         rate[~moving] = 0.0
-        p_base, by_parameters = probing_jacobian(self._arm, self._probe, joints(0.0), p_probe)
+        p_base, by_parameters = probing_jacobian(
+            self._arm, self._probe, here.joints[known], p_probe
+        )
         place = p_base - rate * self._around
         columns = np.concatenate([rate[..., None], by_parameters, place[..., None]], axis=2)
         rows = _centred(columns).reshape(-1, columns.shape[2])
-        return _Sums(len(at), int(moving.sum()), rows.T @ rows)
+        return _Sums(len(p_probe), int(moving.sum()), rows.T @ rows)
 
 
 def estimate_clock_offset(
-    arm: Arm,
-    probe: Probe,
-    gauge: Gauge,
-    joints: Sequence[JointSample],
-    readings: Sequence[Reading],
+    arm: Arm, probe: Probe, gauge: Gauge, streams: Sequence[RawStreams]
 ) -> ClockOffset | None:
-    """The offset, None where the streams do not tell: no motion in contact, or too little."""
+    """The offset that streams, one after the other, tell; None where they do not: no motion in
+    contact, or too little."""
     estimate = ClockEstimate(arm, probe, gauge)
-    for message in _in_time(joints, readings):
-        if isinstance(message, Reading):
-            estimate.see_reading(message)
-        else:
-            estimate.see_joints(message)
-    estimate.finish()
+    for each in streams:
+        estimate.see_streams(each)
     return estimate.estimate()
 
 
-def _in_time(
-    joints: Iterable[JointSample], readings: Iterable[Reading]
-) -> Iterable[JointSample | Reading]:
-    of_arm: Iterable[JointSample | Reading] = sorted(joints, key=lambda each: each.stamp)
-    of_probe: Iterable[JointSample | Reading] = sorted(readings, key=lambda each: each.stamp)
-    return merge(of_arm, of_probe, key=lambda each: each.stamp)
+def _spaced(stamp: Rows, spacing: int) -> list[int]:
+    """The rows of stamps (N,) in order of which each is at least `spacing` (ns) after the last."""
+    rows, due = [], -1
+    for row, each in enumerate(stamp.tolist()):
+        if each >= due:
+            rows.append(row)
+            due = each + spacing
+    return rows
 
 
 def _solved(chunks: Sequence[_Sums], prior: Array) -> tuple[float, float]:
@@ -282,14 +309,3 @@ def _centred(columns: Array) -> Array:
     mean = np.add.reduceat(columns, begin) / count[:, None, None]
     centred: Array = columns - np.repeat(mean, count, axis=0)
     return centred
-
-
-def _finely_known(t_joints: Array, t: Array) -> NDArray[np.bool_]:
-    """Which instants (N,) fall between joint states close together, with room around them."""
-    gap = np.diff(t_joints)
-    known: NDArray[np.bool_] = np.full(len(t), len(gap) > 0)
-    for shift in (-STEP, 0.0, STEP):
-        place = np.searchsorted(t_joints, t + shift, side='right') - 1
-        inside = (place >= 0) & (place < len(gap))
-        known = known & inside & (gap[np.clip(place, 0, len(gap) - 1)] <= FINE)
-    return known

@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Poses from raw streams: of an arm that stops for each, or of one that is led around spheres."""
+"""Poses from whole streams: of an arm that stops for each, or of a hand-guided one."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calib_model.arrays import Array, frozen
+from calib_model.pairing.interpolation import interpolated
+from calib_model.pairing.paired_readings import WIDE, HandGuidedSettings, pair_readings
+from calib_model.pairing.spaced_poses import SpacedPoses
 from calib_model.pairing.stop_and_go import (
     JointSample,
     Outcome,
@@ -20,16 +23,16 @@ from calib_model.pairing.stop_and_go import (
     SteadyPose,
     SteadySettings,
 )
-from calib_model.pairing.streams import RawStreams
+from calib_model.pairing.stream_order import STEP_BACK, unbroken
+from calib_model.pairing.streams import RawStreams, RecordedStreams
 from calib_model.stamps import SECOND
 
 APART = 0.1  # s between readings that belong to one contact
 SEATED = 0.05  # s at both ends of a contact in which the sphere may not sit yet
-SPACING = 0.1  # rad, of all joints together, between poses taken in motion
 FINE = 0.05  # s between joint states up to which the way between them is known
-PER_CONTACT = 1000  # poses of one contact at most: more of the same say nothing new
 PER_STOP = 1.0  # rad in contact for every stop: more of a way is worth more than its stops
 CANDIDATES = 0.01  # s between readings that are looked at
+Touching = Callable[[Array], NDArray[np.bool_]]  # which readings (N, 3), m, a sphere gives
 STANDING = 0.05  # s across which an arm in contact is seen to stand: noise of encoders is no speed
 
 
@@ -64,7 +67,12 @@ class Paired:
 
 
 def pair_streams(
-    streams: RawStreams, settings: SteadySettings, standing: bool | None = None
+    streams: RawStreams,
+    settings: SteadySettings,
+    standing: bool | None = None,
+    guided: HandGuidedSettings | None = None,
+    shift: int = 0,
+    touching: Touching | None = None,
 ) -> Paired:
     """The poses of both streams; `standing` None lets the data say how they were taken.
 
@@ -72,6 +80,10 @@ def pair_streams(
     stops for each pose touches the sphere shortly before and after. Where the moment after a stop
     is too early for most (slow readings, a probe that comes into contact by itself), the readings
     of a contact in which the arm stands are one pose.
+
+    A hand-guided arm is paired with `guided` (None: as by default, but across the gaps that slower
+    joint states have), its readings `shift` (ns) later, those alone that are `touching`
+    a sphere.
     """
     outcomes = list(standing_outcomes(streams, settings))
     still = tuple(each for each in outcomes if isinstance(each, SteadyPose))
@@ -88,16 +100,40 @@ def pair_streams(
         standing = way <= PER_STOP * max(len(still), len(held))
     poses = held or still
     if not standing:
-        poses = tuple(pose for contact in contacts for pose in _led(streams, contact))
+        poses = _hand_guided(streams, guided or _usual(streams), shift, touching)
     return Paired(poses, standing, len(still), way, len(contacts), refused, bool(held))
 
 
-def standing_outcomes(streams: RawStreams, settings: SteadySettings) -> Iterator[Outcome]:
-    """What `Pairing` makes of the streams, stop by stop.
+def recorded_outcomes(
+    recorded: RecordedStreams, settings: SteadySettings
+) -> tuple[list[Outcome], int]:
+    """What `Pairing` makes of streams as they were received, and how many of their messages came
+    too late; like it, this begins anew where the joints' stamps fall back."""
+    outcomes: list[Outcome] = []
+    late = 0
+    arm = np.zeros(len(recorded.joint_stamp), dtype=np.int64)
+    step_back = max(STEP_BACK, round(settings.lateness * SECOND))
+    begins = [stretch.start for stretch in unbroken(recorded.joint_stamp, arm, step_back)]
+    numbers = [0, *recorded.joint_number[begins[1:]].tolist(), recorded.end]
+    for begin, end in zip(numbers, numbers[1:], strict=False):
+        received = recorded.received(begin, end)
+        parts = [part.ordered(settings.lateness) for part in received.by_readings(step_back)]
+        late += parts[0].late_joints + sum(part.late_readings for part in parts)
+        outcomes += standing_outcomes(parts[0], settings, parts)
+    return outcomes, late
+
+
+def standing_outcomes(
+    streams: RawStreams, settings: SteadySettings, parts: Sequence[RawStreams] = ()
+) -> Iterator[Outcome]:
+    """What `Pairing` makes of the streams, stop by stop; where the readings began anew, a stop is
+    decided by those `parts` of them that reach beyond its end first.
 
     Only the samples of a stop and the first after it decide on it, so `Pairing` is shown these.
     """
     t, q = streams.joint_stamp, streams.joints
+    if len(t) < 2:
+        return
     gap = np.diff(t)
     speed = np.abs(np.diff(q, axis=0)).max(axis=1)
     still = (gap <= round(settings.max_gap * SECOND)) & (speed <= settings.max_speed * gap / SECOND)
@@ -106,21 +142,25 @@ def standing_outcomes(streams: RawStreams, settings: SteadySettings) -> Iterator
         if t[last] - t[first] < round(settings.settle * SECOND):
             continue
         end = min(int(np.searchsorted(t, t[first] + window)), last)
-        yield from _stop(streams, settings, first, end, min(last + 1, len(t) - 1), window)
+        rows = [*range(first, end + 1), *([last + 1] if end < last + 1 < len(t) else [])]
+        samples = [JointSample(int(t[row]), q[row]) for row in rows]
+        yield from _stop(samples, settings, window, parts or (streams,))
 
 
 def _stop(
-    streams: RawStreams, settings: SteadySettings, first: int, end: int, after: int, window: int
+    samples: Sequence[JointSample],
+    settings: SteadySettings,
+    window: int,
+    parts: Sequence[RawStreams],
 ) -> list[Outcome]:
     pairing = Pairing(settings)
-    found: list[Outcome] = []
-    for row in [*range(first, end + 1), *([after] if after > end else [])]:
-        sample = JointSample(int(streams.joint_stamp[row]), streams.joints[row])
-        found += pairing.add_joints(sample)
-    begin = int(streams.joint_stamp[first])
-    rows = np.searchsorted(streams.reading_stamp, [begin, begin + window])
-    for row in range(rows[0], min(rows[1] + 2, len(streams.reading_stamp))):
-        found += pairing.add_reading(_reading(streams, row))
+    found = [outcome for sample in samples for outcome in pairing.add_joints(sample)]
+    begin, end = samples[0].stamp, samples[0].stamp + window
+    reaching = (part for part in parts if len(part.reading_stamp) and part.reading_stamp[-1] >= end)
+    readings = next(reaching, parts[-1])
+    rows = np.searchsorted(readings.reading_stamp, [begin, end])
+    for row in range(rows[0], min(rows[1] + 2, len(readings.reading_stamp))):
+        found += pairing.add_reading(_reading(readings, row))
     return found + pairing.finish()
 
 
@@ -161,11 +201,11 @@ def _contacts(streams: RawStreams) -> Iterator[_Contact]:
             t[part] <= t[part[-1]] - SEATED * SECOND
         )
         rows = _thinned(t, part[inside])
-        known, joints = _joints_at(streams, t[rows])
-        if known.sum() >= 2:
-            q = joints[known]
+        there = interpolated(streams.joint_stamp, streams.joints, t[rows], FINE)
+        if there.known.sum() >= 2:
+            q = there.joints[there.known]
             steps = np.linalg.norm(np.diff(q, axis=0), axis=1)
-            yield _Contact(rows[known], q, np.concatenate([[0.0], np.cumsum(steps)]))
+            yield _Contact(rows[there.known], q, np.concatenate([[0.0], np.cumsum(steps)]))
 
 
 def _thinned(t: NDArray[np.int64], rows: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -202,38 +242,29 @@ def _held(streams: RawStreams, contact: _Contact, settings: SteadySettings) -> S
     return SteadyPose(middle, frozen(joints), frozen(readings.mean(axis=0)), len(rows))
 
 
-def _led(streams: RawStreams, contact: _Contact) -> list[SteadyPose]:
-    spacing = max(SPACING, float(contact.way[-1]) / PER_CONTACT)
-    which = np.unique(contact.way // spacing, return_index=True)[1]
-    return [
-        SteadyPose(
-            int(streams.reading_stamp[contact.rows[i]]),
-            frozen(contact.joints[i]),
-            frozen(streams.displacement[contact.rows[i]]),
-            1,
-        )
-        for i in which
-    ]
+def _usual(streams: RawStreams) -> HandGuidedSettings:
+    """Settings for streams that nobody said anything of."""
+    default = HandGuidedSettings()
+    if len(streams.joint_stamp) < 2:
+        return default
+    usual = float(np.median(np.diff(streams.joint_stamp))) / SECOND
+    return replace(default, max_gap=min(FINE, max(default.max_gap, WIDE * usual)))
 
 
-def _joints_at(streams: RawStreams, stamps: NDArray[np.int64]) -> tuple[NDArray[np.bool_], Array]:
-    """The joints (K, n) at stamps (K,), and at which of them they are known.
-
-    Cubic through the two joint states on either side (Lagrange): an arm in motion accelerates, and
-    half-way between 250 Hz states a straight line is off by up to a hundredth of a mrad.
-    """
-    t, count = streams.joint_stamp, len(streams.joint_stamp)
-    if count < 4 or not len(stamps):
-        return np.zeros(len(stamps), dtype=np.bool_), np.zeros((len(stamps), 0))
-    right = np.searchsorted(t, stamps)
-    first = np.clip(right - 2, 0, count - 4)
-    knots = (t[first[:, None] + np.arange(4)] - stamps[:, None]) / SECOND  # (K, 4), s from here
-    inside = (stamps >= t[first + 1]) & (stamps <= t[first + 2])
-    known = inside & (np.diff(knots, axis=1).max(axis=1) <= FINE)
-    joints = np.zeros((len(stamps), streams.joints.shape[1]))
-    near = knots[known]
-    for i in range(4):
-        others = [j for j in range(4) if j != i]
-        weight = np.prod([near[:, j] / (near[:, j] - near[:, i]) for j in others], axis=0)
-        joints[known] += weight[:, None] * streams.joints[first[known] + i]
-    return known, joints
+def _hand_guided(
+    streams: RawStreams,
+    settings: HandGuidedSettings,
+    shift: int,
+    touching: Touching | None,
+) -> tuple[SteadyPose, ...]:
+    """The poses that live pairing takes, on whatever sphere."""
+    found = pair_readings(streams, settings.max_gap, shift)
+    rows = np.flatnonzero(found.paired)
+    if touching is not None:
+        rows = rows[touching(found.displacement[rows])]
+    stamp, joints, displacement = found.stamp[rows], found.joints[rows], found.displacement[rows]
+    anywhere = np.zeros(len(stamp), dtype=np.int64)
+    return tuple(
+        SteadyPose(pose.stamp, frozen(pose.joints), frozen(pose.displacement), 1)
+        for pose in SpacedPoses(settings).take(stamp, anywhere, joints, displacement)
+    )

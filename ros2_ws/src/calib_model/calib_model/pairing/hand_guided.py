@@ -8,66 +8,35 @@ give the same poses live and from a bag.
 from __future__ import annotations
 
 from bisect import insort
-from collections import Counter, deque
-from dataclasses import dataclass
-from itertools import accumulate
-from typing import Generic, NamedTuple, TypeVar
+from collections import deque
+from typing import Generic, TypeVar
 
 import numpy as np
 
-from calib_model.arrays import Array
-from calib_model.pairing.from_streams import SEATED, SPACING
-from calib_model.pairing.stop_and_go import (
-    STEP_BACK,
-    JointSample,
-    Reading,
-    Reason,
-    joints_at,
-    objection,
+from calib_model.pairing.paired_readings import (
+    OUT_OF_ORDER,
+    REASONS,
+    SOUND,
+    UNSURE,
+    Gaps,
+    HandGuidedSettings,
+    PairedReading,
+    pair_readings,
 )
+from calib_model.pairing.stop_and_go import JointSample, Reading
+from calib_model.pairing.stream_order import STEP_BACK
+from calib_model.pairing.streams import RawStreams
 from calib_model.stamps import SECOND
 
-LONGEST_WAIT = 60 * SECOND  # ns that one stream waits for the other
-STEP = SECOND // 10_000  # ns to which gaps between joint states are counted
-WIDE = 1.5  # of the usual gap: a joint state is missing there
-BRIDGED = '{} readings paired across missing joint states'
-NO_JOINTS = Reason.JOINTS_MISSING.value
-OUT_OF_ORDER = 'out of order'
-UNSURE = 'publisher started anew'
-NO_SPHERE = 'no sphere known there'
-NO_TOUCH = 'no sphere of that diameter touches the tips'
-
-
-@dataclass(frozen=True)
-class HandGuidedSettings:
-    """How poses are taken of a hand-guided arm.
-
-    A pose is taken whenever the joints have gone `spacing` (rad, of all together) since the last
-    one, but none within `seated` (s) of where a contact begins or ends. `max_gap` (s) is the
-    longest gap between joint states that is interpolated across: a moving arm is nowhere near a
-    straight line for long. Messages that come up to `lateness` (s) late are put in their place.
-    """
-
-    spacing: float = SPACING
-    seated: float = SEATED
-    max_gap: float = 0.02
-    lateness: float = 0.0
-
-
-class PairedReading(NamedTuple):
-    """A reading with the joints (n,) at its stamp (ns); `reason` says why there are none."""
-
-    stamp: int
-    joints: Array | None
-    displacement: Array
-    reason: str = ''
-
+TOGETHER = 16  # readings that are settled together: one by one would take ten times as long
+LONGEST_WAIT = 60 * SECOND  # ns that one stream waits for the other: memory is not for ever
 
 Stamped = TypeVar('Stamped', JointSample, Reading)
 
 
 class _InOrder(Generic[Stamped]):
-    """Lets the messages of one stream through in the order of their stamps, each stamp once."""
+    """Lets the messages of one stream through in the order of their stamps, each stamp once:
+    message by message what `in_order` does of a recording."""
 
     def __init__(self, lateness: int) -> None:
         self._lateness = lateness
@@ -98,13 +67,15 @@ class _InOrder(Generic[Stamped]):
 class HandGuidedPairing:
     """Takes both streams message by message and accounts for every reading, once.
 
-    `shift` (ns) is added to the readings' stamps to have them in the joints' clock.
+    A reading is due with the second joint state after it: the interpolation looks that far. One
+    stream waits for the other for a minute of stamps. `shift` (ns) is added to the readings'
+    stamps to have them in the joints' clock.
     """
 
     def __init__(self, settings: HandGuidedSettings, shift: int = 0) -> None:
         self.late_joints = 0  # joint states whose place had been passed
         self.steps_back = 0  # how often the joints' stamps began anew
-        self._gaps: Counter[int] = Counter()  # between joint states that were used
+        self._gaps = Gaps()  # between joint states that were used
         self._settings = settings
         self._shift = shift
         self._newest_joints = -1
@@ -137,10 +108,11 @@ class HandGuidedPairing:
 
     def start_over(self) -> list[PairedReading]:
         """Refuse all that waits, and forget the joints: they may not belong together."""
-        refused = [self._refused(each, UNSURE) for each in self._of_probe.rest()[0]]
-        refused += [self._refused(each, UNSURE) for each in self._waiting]
+        settled = self._settle()
+        settled += [self._refused(each, UNSURE) for each in self._of_probe.rest()[0]]
+        settled += [self._refused(each, UNSURE) for each in self._waiting]
         self._begin()
-        return refused
+        return settled
 
     def finish(self) -> list[PairedReading]:
         """Settle all that is left: no more messages are coming."""
@@ -149,20 +121,14 @@ class HandGuidedPairing:
         self.late_joints += len(late)
         ready, passed = self._of_probe.rest()
         self._waiting.extend(ready)
-        settled = [self._refused(each, OUT_OF_ORDER) for each in passed] + self._settled()
-        settled += [self._refused(each, NO_JOINTS) for each in self._waiting]
+        waiting = list(self._waiting)
         self._waiting.clear()
-        return settled
+        return [self._refused(each, OUT_OF_ORDER) for each in passed] + self._paired(waiting)
 
     @property
     def bridged(self) -> int:
-        """How many readings were paired across joint states that are missing: a moving arm is a
-        little beside the straight line there."""
-        gaps = sorted(self._gaps)
-        reached = accumulate(self._gaps[gap] for gap in gaps)
-        half = self._gaps.total() / 2
-        usual = next((gap for gap, so_far in zip(gaps, reached, strict=True) if so_far > half), 0)
-        return sum(self._gaps[gap] for gap in gaps if gap > WIDE * usual)
+        """How many readings were paired across joint states that are missing."""
+        return self._gaps.bridged
 
     def _fallen_back(self, newest: int, stamp: int) -> list[PairedReading]:
         if stamp >= newest - STEP_BACK:
@@ -172,44 +138,75 @@ class HandGuidedPairing:
         return left
 
     def _settled(self) -> list[PairedReading]:
-        settled = []
-        while self._waiting:
-            reading = self._waiting[0]
-            against = objection(reading.status, reading.displacement)
-            reason = against.value if against is not None else ''
-            if not reason and not (self._joints and self._joints[-1].stamp >= reading.stamp):
-                if reading.stamp >= self._of_probe.newest - LONGEST_WAIT:
-                    break
-                reason = NO_JOINTS
-            self._waiting.popleft()
-            settled.append(self._refused(reading, reason) if reason else self._paired(reading))
+        """What has become due, once that is worth a call."""
+        if not self._waiting:
+            return []
+        worth = len(self._waiting) >= TOGETHER and self._reached(self._waiting[TOGETHER - 1].stamp)
+        return self._settle() if worth or self._waited_out(self._waiting[0]) else []
+
+    def _settle(self) -> list[PairedReading]:
+        due: list[Reading] = []
+        while self._waiting and (
+            self._reached(self._waiting[0].stamp) or self._waited_out(self._waiting[0])
+        ):
+            due.append(self._waiting.popleft())
+        settled = self._paired(due)
         self._forget()
         return settled
 
-    def _paired(self, reading: Reading) -> PairedReading:
-        while len(self._joints) > 1 and self._joints[1].stamp <= reading.stamp:
+    def _waited_out(self, reading: Reading) -> bool:
+        return reading.stamp < self._of_probe.newest - LONGEST_WAIT
+
+    def _reached(self, stamp: int) -> bool:
+        """Whether all joint states are there that say where the arm was at a stamp (ns)."""
+        last = [self._joints[i].stamp for i in range(-min(2, len(self._joints)), 0)]
+        return stamp in last or (len(last) == 2 and last[0] > stamp)
+
+    def _paired(self, readings: list[Reading]) -> list[PairedReading]:
+        if not readings:
+            return []
+        around = self._around(readings[0].stamp, readings[-1].stamp)
+        streams = RawStreams(
+            np.array([each.stamp for each in around], dtype=np.int64),
+            np.array([each.joints for each in around]) if around else np.zeros((0, 0)),
+            np.array([each.stamp for each in readings], dtype=np.int64),
+            np.array([each.displacement for each in readings]),
+            np.array([each.status for each in readings]),
+        )
+        found = pair_readings(streams, self._settings.max_gap)
+        self._gaps.see(found.gap)
+        return [
+            PairedReading(
+                reading.stamp - self._shift,
+                joints if reason == SOUND else None,
+                reading.displacement,
+                REASONS[reason],
+            )
+            for reading, joints, reason in zip(
+                readings, found.joints, found.reason.tolist(), strict=True
+            )
+        ]
+
+    def _around(self, first: int, last: int) -> list[JointSample]:
+        """The joint states that decide on readings between two stamps (ns); older ones go."""
+        while len(self._joints) > 2 and self._joints[2].stamp <= first:
             self._joints.popleft()
-        around = [self._joints[0], self._joints[min(1, len(self._joints) - 1)]]
-        joints = joints_at(around, reading.stamp, self._settings.max_gap)
-        if joints is None:
-            return self._refused(reading, NO_JOINTS)
-        if around[1].stamp > around[0].stamp:
-            self._gaps[round((around[1].stamp - around[0].stamp) / STEP)] += 1
-        return PairedReading(reading.stamp - self._shift, joints, reading.displacement)
+        around, after = [], 0
+        for sample in self._joints:
+            around.append(sample)
+            after += sample.stamp > last
+            if after == 2:
+                break
+        return around
 
     def _refused(self, reading: Reading, reason: str) -> PairedReading:
         return PairedReading(reading.stamp - self._shift, None, reading.displacement, reason)
 
     def _forget(self) -> None:
         """Drop joint states that readings so far behind will not come for."""
-        while len(self._joints) > 1 and self._joints[1].stamp < self._of_arm.newest - LONGEST_WAIT:
+        while len(self._joints) > 2 and self._joints[2].stamp < self._of_arm.newest - LONGEST_WAIT:
             self._joints.popleft()
 
 
 def _stamp(message: JointSample | Reading) -> int:
     return message.stamp
-
-
-def travel(first: Array, second: Array) -> float:
-    """How far apart two postures (n,) are, rad, of all joints together."""
-    return float(np.linalg.norm(second - first))

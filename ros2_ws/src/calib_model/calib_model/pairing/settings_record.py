@@ -8,9 +8,13 @@ from collections.abc import Mapping
 from dataclasses import asdict, fields, replace
 
 from calib_model.errors import BagError
+from calib_model.pairing.paired_readings import HandGuidedSettings
 from calib_model.pairing.stop_and_go import SteadySettings
+from calib_model.stamps import SECOND
 
 NOTE = 'calib_capture pairing'  # the metadata record that holds what poses were paired with
+HAND_GUIDED_NOTE = 'calib_capture led'  # the same of a hand-guided arm
+MOST_SHIFT = 3600 * SECOND  # ns
 
 
 def note_of(settings: SteadySettings) -> dict[str, str]:
@@ -30,6 +34,26 @@ def settings_of(note: Mapping[str, str]) -> SteadySettings:
             number = noted_number(note, each.name, NOTE)
             given[each.name] = int(number) if each.name == 'min_readings' else number
     return replace(SteadySettings(), **given)  # type: ignore[arg-type]
+
+
+def hand_guided_settings_of(note: Mapping[str, str], source: str) -> tuple[HandGuidedSettings, int]:
+    """The settings that a hand-guided arm was paired with, and by how much its readings' stamps
+    were shifted, ns.
+
+    Raises:
+        BagError: one of them is missing, is no number, or none that makes sense.
+    """
+    try:
+        given = {
+            each.name: noted_number(note, each.name, f'{source}: {HAND_GUIDED_NOTE}')
+            for each in fields(HandGuidedSettings)
+        }
+        shift = int(note['shift'])
+    except (KeyError, ValueError) as error:
+        raise BagError(f'{source}: {HAND_GUIDED_NOTE}: {error}') from error
+    if not abs(shift) <= MOST_SHIFT:
+        raise BagError(f'{source}: {HAND_GUIDED_NOTE}: a shift of {shift} ns')
+    return HandGuidedSettings(**given), shift
 
 
 def noted_number(note: Mapping[str, str], name: str, source: str) -> float:

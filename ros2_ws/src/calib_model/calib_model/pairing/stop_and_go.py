@@ -10,19 +10,20 @@ from __future__ import annotations
 
 from bisect import insort
 from collections import deque
-from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib_model.arrays import Array, frozen
+from calib_model.pairing.interpolation import interpolated
+from calib_model.pairing.stream_order import STEP_BACK
 from calib_model.stamps import SECOND
 
 LARGEST = 1e6  # m or rad: no sensor gives more, and with more products overflow
-STEP_BACK = SECOND  # ns by which stamps fall when a clock was set back or a driver started anew
 
 
 class Status(Enum):
@@ -111,35 +112,31 @@ def usable(values: Array) -> bool:
     return bool((np.abs(values) <= LARGEST).all())
 
 
-def objection(statuses: Iterable[int], displacement: Array) -> Reason | None:
-    """What speaks against readings by themselves, the gravest first; None when nothing does."""
-    found = set(statuses)
-    for status, reason in (
-        (Status.OVER_TRAVEL, Reason.OVER_TRAVEL),
-        (Status.NO_CONTACT, Reason.NO_CONTACT),
-        (Status.WEAK_SIGNAL, Reason.WEAK_SIGNAL),
-    ):
-        if status.value in found:
-            return reason
-    if found != {Status.OK.value}:
-        return Reason.UNKNOWN_STATUS
-    return None if usable(displacement) else Reason.NO_NUMBER
+#: what speaks against a reading by itself, the gravest first
+GRAVEST = (
+    Reason.OVER_TRAVEL,
+    Reason.NO_CONTACT,
+    Reason.WEAK_SIGNAL,
+    Reason.UNKNOWN_STATUS,
+    Reason.NO_NUMBER,
+)
 
 
-def joints_at(samples: list[JointSample], stamp: int, max_gap: float) -> Array | None:
-    """The joints (n,) at a stamp, linear between the neighbours among `samples` (in order).
-
-    None outside the samples and where the neighbours are more than `max_gap` (s) apart.
-    """
-    for before, after in zip(samples, samples[1:], strict=False):
-        if before.stamp <= stamp <= after.stamp:
-            gap = after.stamp - before.stamp
-            if gap > max_gap * SECOND:
-                return None
-            weight = (stamp - before.stamp) / gap if gap else 0.0
-            joints: Array = before.joints + weight * (after.joints - before.joints)
-            return joints
-    return None
+def objections(status: NDArray[np.integer], displacement: Array) -> NDArray[np.int64]:
+    """What speaks against readings (N, 3) by themselves, as places in `GRAVEST`, the gravest first;
+    its length where nothing does."""
+    against: NDArray[np.int64] = np.select(
+        [
+            (status == Status.OVER_TRAVEL.value).any(axis=1),
+            (status == Status.NO_CONTACT.value).any(axis=1),
+            (status == Status.WEAK_SIGNAL.value).any(axis=1),
+            (status != Status.OK.value).any(axis=1),
+            ~(np.abs(displacement) <= LARGEST).all(axis=1),
+        ],
+        list(range(len(GRAVEST))),
+        default=len(GRAVEST),
+    )
+    return against
 
 
 @dataclass
@@ -284,21 +281,25 @@ class Pairing:
         if reason is not None:
             return Refusal(start, stands, reason)
         stamp = start + sum(reading.stamp - start for reading in readings) // count
-        joints = joints_at(stop.samples, stamp, self.settings.max_gap)
-        if joints is None:
+        there = interpolated(
+            np.array([sample.stamp for sample in stop.samples]),
+            np.array([sample.joints for sample in stop.samples]),
+            np.array([stamp]),
+            self.settings.max_gap,
+        )
+        if not there.known[0]:
             return Refusal(start, stands, Reason.JOINTS_MISSING)
         mean = np.mean([reading.displacement for reading in readings], axis=0)
-        return SteadyPose(stamp, frozen(joints), frozen(mean), count)
+        return SteadyPose(stamp, frozen(there.joints[0]), frozen(mean), count)
 
     def _objection(self, readings: list[Reading]) -> Reason | None:
         """What speaks against a window's readings, the gravest first."""
         if len(readings) < self.settings.min_readings:
             return Reason.NO_READINGS
-        reason = objection(
-            {status for reading in readings for status in reading.status},
-            np.array([reading.displacement for reading in readings]),
-        )
-        if reason is not None:
-            return reason
-        spread = np.ptp([reading.displacement for reading in readings], axis=0).max()
+        displacement = np.array([reading.displacement for reading in readings])
+        status = np.array([reading.status for reading in readings])
+        gravest = int(objections(status, displacement).min())
+        if gravest < len(GRAVEST):
+            return GRAVEST[gravest]
+        spread = np.ptp(displacement, axis=0).max()
         return Reason.STYLI_UNSTEADY if spread > self.settings.max_spread else None

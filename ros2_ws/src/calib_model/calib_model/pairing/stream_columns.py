@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from calib_model.arrays import Array
 from calib_model.bags import cdr
+from calib_model.pairing.stream_order import Rows
 from calib_model.stamps import SECOND
 from calib_model.topics import DISPLACEMENTS, JOINT_STATE
 
@@ -20,7 +21,6 @@ STRINGS = 12  # offset of the frame's length, behind CDR header and stamp
 MOST_NAMES = 1000  # joints of all the arms in one message
 LONGEST_NAME = 1000  # bytes
 MOST_LAYOUTS = 1000  # each is looked for in all messages
-Rows = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 
 
@@ -58,8 +58,8 @@ def joint_blocks(messages: Sequence[bytes]) -> Iterator[JointBlock]:
             for begin, length in layout.strings[1:]
         )
         position = _column(table, layout.values, '<f8', layout.count)
-        # some publish fewer positions than names, or none
-        names = names[: layout.count]
+        # some publish fewer positions than names, or none: of which joints, nobody knows
+        names = names if layout.count >= len(names) else ()
         yield JointBlock(names, rows, _stamps(table), position[:, : len(names)])
 
 

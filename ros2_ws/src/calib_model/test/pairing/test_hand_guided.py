@@ -7,13 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from calib_model.pairing.hand_guided import (
-    LONGEST_WAIT,
-    NO_JOINTS,
-    OUT_OF_ORDER,
-    HandGuidedPairing,
-    HandGuidedSettings,
-)
+from calib_model.pairing.hand_guided import LONGEST_WAIT, HandGuidedPairing
+from calib_model.pairing.paired_readings import NO_JOINTS, OUT_OF_ORDER, HandGuidedSettings
 from calib_model.pairing.stop_and_go import JointSample, Reading
 from calib_model.stamps import SECOND
 

@@ -14,7 +14,6 @@ from calib_model.pairing.stop_and_go import (
     Status,
     SteadyPose,
     SteadySettings,
-    joints_at,
 )
 from calib_model.stamps import SECOND
 
@@ -187,15 +186,6 @@ def test_joints_are_never_interpolated_across_a_gap():
     silent = [j for j in joints if not ns(0.31) < j.stamp < ns(0.55)]
     outcomes = fed(Pairing(SETTINGS), in_time(silent, readings))
     assert not any(isinstance(o, SteadyPose) for o in outcomes)
-
-
-def test_joints_at_is_linear_between_neighbours_only():
-    samples = [JointSample(ns(t), np.array([t, -t])) for t in (0.0, 0.05, 0.5)]
-    assert np.allclose(joints_at(samples, ns(0.02), 0.1), [0.02, -0.02])
-    assert np.array_equal(joints_at(samples, ns(0.05), 0.1), [0.05, -0.05])
-    assert joints_at(samples, ns(0.3), 0.1) is None
-    assert joints_at(samples, ns(-0.1), 0.1) is None
-    assert joints_at(samples, ns(0.6), 1.0) is None
 
 
 def test_a_pose_is_given_only_when_no_reading_of_its_window_can_come_any_more():
