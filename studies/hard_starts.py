@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Arms far off their description, few poses: does the default end where the data would lead it?"""
+"""Arms far off their description, few poses: does the evidence end where the data would lead it?"""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from calib_model.instruments import Arm, Gauge
 from calib_model.kinematics import DEFAULT_SIGMA, parallel_joints, points, probing_jacobian
 from calib_model.measurement import Measurement, ProbingSet
 from calib_model.transforms import RigidTransform
-from calib_solver.fitting import DEFAULT_PRIOR, NO_PRIOR, Options, Prior
+from calib_solver.fitting import EVIDENCE_PRIOR, NO_PRIOR, Options, Prior
 from calib_solver.identification import Identification, identify
 from studies.running import columns, over_seeds, study
 from studies.scenes import CONFIG, Bench, Noise, Scene, anywhere, kr5, off_mount, reach, seated
@@ -24,12 +24,12 @@ ABOUT = """
 Arms off by 5 mm, 1 deg and zeros by 3 to 10 deg (standard deviations), the probe by 20 mm, in turn
 a KR 5 sixx R650 and an LBR iiwa 14 with an active and with a passive probe; bars of 50 to 600 mm
 with two to four spheres at one to three places, 12 to 60 poses in all; every joint of every pose
-off by 1e-5 rad. rms errors of 300 distances between points anywhere, mm, by the default prior, by
-none, and by a prior whose widths are the true ones. `ratio`: the default's over the better of the
+off by 1e-5 rad. rms errors of 300 distances between points anywhere, mm, by the evidence, by
+none, and by a prior whose widths are the true ones. `ratio`: the evidence's over the better of the
 two others. `quiet`: converged, without a warning, and beyond 4 times what is stated.
 
 Then arms as usual but for their zeros, 2 to 10 deg off, 96 to 240 poses of four spheres at three
-places: the default's error over that of no prior, and how often the stated 95 % intervals of the
+places: its error over that of no prior, and how often the stated 95 % intervals of the
 distances hold.
 """
 LENGTH, ANGLE, MOUNT, TURN = 5e-3, np.radians(1.0), 2e-2, 5e-2
@@ -229,16 +229,16 @@ def _rms(values: Array) -> float:
 
 
 def hard_outcomes(seed: int) -> tuple[str, list[Outcome]]:
-    """By the default, by no prior, by one of true width."""
+    """By the evidence, by no prior, by one of true width."""
     hard = hard_scene(seed)
-    priors = (DEFAULT_PRIOR, NO_PRIOR, Prior(hard.sigma, 1.0))
+    priors = (EVIDENCE_PRIOR, NO_PRIOR, Prior(hard.sigma, 1.0))
     return hard.name, [outcome(hard, prior) for prior in priors]
 
 
 def mild_outcomes(seed: int) -> tuple[str, list[Outcome]]:
-    """By the default and by no prior."""
+    """By the evidence and by no prior."""
     mild = mild_scene(seed)
-    return mild.name, [outcome(mild, prior) for prior in (DEFAULT_PRIOR, NO_PRIOR)]
+    return mild.name, [outcome(mild, prior) for prior in (EVIDENCE_PRIOR, NO_PRIOR)]
 
 
 def mild_lines(count: int) -> list[str]:
@@ -261,7 +261,7 @@ def table(count: int) -> list[str]:
     ratio = error[:, 0] / error[:, 1:].min(axis=1)
     rows = [
         [what, *(f'{1e3 * v:.4g}' for v in np.quantile(of, (0.1, 0.5, 0.9, 1.0)))]
-        for what, of in zip(('default', 'none', 'true width'), error.T, strict=True)
+        for what, of in zip(('evidence', 'none', 'true width'), error.T, strict=True)
     ]
     lines = [f'{count} starts', '', *columns(['', '10 %', 'median', '90 %', 'worst'], rows), '']
     quiet = [each[0].quiet for _, each in every]

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from calib_model.kinematics import DEFAULT_SIGMA
-from calib_solver.fitting import DEFAULT_PRIOR, NO_PRIOR, Options, Prior
+from calib_solver.fitting import DEFAULT_PRIOR, Options, Prior
 from calib_solver.identification import identify
 from studies.running import columns, over_seeds, study
 from studies.scenes import (
@@ -22,16 +22,11 @@ from studies.scenes import (
 
 ABOUT = """
 A KR 5 sixx R650 with an active probe; rms error, um, of 300 predictions anywhere, median over the
-seeds, by no prior, by strengths of the usual one, and by the default (widths by the evidence). The
-arm's parameters are off in turn by a third of what the prior says, by that, and by three times as
-much. `helped`: seeds at which the
+seeds, by the prior's strength (0: none; 2: the default). The arm's parameters are off in turn by
+a third of what the prior says, by that, and by three times as much. `helped`: seeds at which the
 default is better than no prior; `ratio`: of their errors, median.
 """
-PRIORS = {
-    'none': NO_PRIOR,
-    **{f'strength {s:g}': Prior(DEFAULT_SIGMA, s) for s in (1.0, 2.0, 10.0)},
-    'default': DEFAULT_PRIOR,
-}
+STRENGTHS = (0.0, 1.0, 2.0, 10.0)
 #: poses in all, locations, and poses of each of their 4 spheres
 SETS = ((60, 1, 15), (60, 3, 5), (1680, 7, 60), (10080, 7, 360))
 SIZES = (1 / 3, 1.0, 3.0)
@@ -39,14 +34,14 @@ NOISE = Noise(joint=1e-4, reading=1e-6)
 
 
 def errors(seed: int) -> list[list[list[float]]]:
-    """rms error (m) by size of the arm's errors, set of poses and prior."""
+    """rms error (m) by size of the arm's errors, set of poses and strength."""
     found = []
     for size in SIZES:
         of_size = []
         for total, locations, poses in SETS:
             scene = scene_of(seed, size, locations, poses)
             assert abs(len(scene.measured.poses) - total) < 0.03 * total
-            of_size.append([_error(scene, prior) for prior in PRIORS.values()])
+            of_size.append([_error(scene, strength) for strength in STRENGTHS])
         found.append(of_size)
     return found
 
@@ -61,15 +56,15 @@ def scene_of(seed: int, size: float, locations: int, poses: int) -> Scene:
     return measure(bench, arm, mount, generator, poses, NOISE)
 
 
-def _error(scene: Scene, prior: Prior) -> float:
-    done = identify(scene.measured, Options(prior=prior))
+def _error(scene: Scene, strength: float) -> float:
+    done = identify(scene.measured, Options(prior=Prior(DEFAULT_SIGMA, strength)))
     return float(np.sqrt(np.mean(scene.errors(done.arm, done.probe) ** 2)))
 
 
 def table(count: int) -> list[str]:
     """The lines of the study."""
-    every = np.array(over_seeds(errors, range(count)))  # (seeds, sizes, sets, priors)
-    none, default = 0, len(PRIORS) - 1
+    every = np.array(over_seeds(errors, range(count)))  # (seeds, sizes, sets, strengths)
+    none, default = STRENGTHS.index(0.0), STRENGTHS.index(DEFAULT_PRIOR.strength)
     lines = [f'{count} seeds']
     for i, size in enumerate(SIZES):
         rows = []
@@ -84,7 +79,7 @@ def table(count: int) -> list[str]:
                     f'{np.median(ratio):.3f}',
                 ]
             )
-        header = ['', *PRIORS, 'helped', 'ratio']
+        header = ['', *(f'strength {s:g}' for s in STRENGTHS), 'helped', 'ratio']
         lines += ['', f'parameters off by {size:.2g} of what the prior says', '']
         lines += columns(header, rows)
     return lines

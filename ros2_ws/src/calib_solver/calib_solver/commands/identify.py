@@ -82,8 +82,8 @@ def arguments() -> CommandParser:
         '--prior',
         default='',
         metavar='CHOICE',
-        help='auto (default: as wide as the poses themselves say), none, a strength, '
-        'or a YAML file of standard deviations',
+        help='none, a strength (default 2), auto (the poses say how wide it is for each kind of '
+        'parameter), or a YAML file of standard deviations',
     )
     parser.add_argument(
         '--loss',

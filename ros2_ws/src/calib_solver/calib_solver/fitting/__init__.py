@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     )
     from calib_solver.fitting.prior import (
         DEFAULT_PRIOR as DEFAULT_PRIOR,
+        EVIDENCE_PRIOR as EVIDENCE_PRIOR,
         NO_PRIOR as NO_PRIOR,
         Prior as Prior,
         chosen_prior as chosen_prior,

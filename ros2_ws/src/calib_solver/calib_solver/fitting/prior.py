@@ -54,7 +54,8 @@ class Prior:
         return information
 
 
-DEFAULT_PRIOR = Prior(DEFAULT_SIGMA, 1.0, evidence=True)
+DEFAULT_PRIOR = Prior(DEFAULT_SIGMA)
+EVIDENCE_PRIOR = Prior(DEFAULT_SIGMA, 1.0, evidence=True)
 NO_PRIOR = Prior(DEFAULT_SIGMA, 0.0)
 
 
@@ -93,14 +94,16 @@ def parse_prior(text: str, source: str = 'prior') -> Prior:
 
 
 def chosen_prior(choice: str) -> Prior:
-    """The prior of a command's option: '', 'default' or 'auto' (its widths follow the evidence),
+    """The prior of a command's option: '' or 'default', 'auto' (its widths follow the evidence),
     'none', a strength or a file.
 
     Raises:
         DescriptionError: a file that cannot be read or used.
     """
-    if choice in ('', 'default', 'auto'):
+    if choice in ('', 'default'):
         return DEFAULT_PRIOR
+    if choice == 'auto':
+        return EVIDENCE_PRIOR
     if choice == 'none':
         return NO_PRIOR
     try:
