@@ -19,6 +19,7 @@ from benchmarks.command import whole_command
 from benchmarks.graph import stepped_capture, streams
 from benchmarks.kernel import against_numpy
 from benchmarks.measuring import Part, table
+from benchmarks.pairing import hand_guided_recording
 from benchmarks.peers import against_pybotics, against_scipy
 from benchmarks.problems import CHAPTER
 from benchmarks.reference import compare
@@ -57,11 +58,12 @@ PARTS: dict[str, Callable[[Given], Part]] = {
     'kernel': lambda given: against_numpy(given.poses, given.rounds),
     'scale': lambda given: scale(tuple(given.sizes), min(given.rounds, FEW_ROUNDS - 2)),
     'command': lambda given: whole_command(given.poses, min(given.rounds, FEW_ROUNDS)),
+    'pairing': lambda given: hand_guided_recording(min(given.rounds, FEW_ROUNDS)),
     'capture': lambda given: stepped_capture(),
     'streams': lambda given: streams(),
 }
-#: these take the graph a minute each: only when asked for
-ASKED_FOR = ('capture', 'streams')
+#: these take a recording or the graph a minute each: only when asked for
+ASKED_FOR = ('pairing', 'capture', 'streams')
 
 
 def run(given: Given) -> Iterator[tuple[str, Part]]:

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calib_model.pairing.from_streams import pair_streams, standing_outcomes
+from calib_model.pairing.paired_readings import HandGuidedSettings
 from calib_model.pairing.stop_and_go import (
     JointSample,
     Pairing,
@@ -104,6 +105,16 @@ def test_poses_of_a_led_arm_have_the_joints_of_their_instant():
     assert len(poses) > 30
     for pose in poses:
         assert np.abs(pose.joints - way(np.array([pose.stamp / SECOND]))[0]).max() < 1e-6
+
+
+def test_slow_joint_states_of_which_nothing_was_said_are_bridged_all_the_same():
+    led = [(0.5, 0.5, 1), (8.0, 0.5, 0)] * 2
+    found = pair_streams(streams_of(led, joint_period=0.03), STEADY)
+    assert not found.standing
+    assert len(found.poses) == pytest.approx(2 * 4.0 / 0.1, abs=4)
+    asked = HandGuidedSettings(spacing=0.5, max_gap=0.04)
+    found = pair_streams(streams_of(led, joint_period=0.03), STEADY, guided=asked)
+    assert len(found.poses) == pytest.approx(2 * 4.0 / 0.5, abs=2)
 
 
 def test_a_contact_is_not_followed_across_a_gap_in_the_joint_states():
