@@ -116,6 +116,7 @@ def test_the_other_places_identify_too(bags, tmp_path, place, gain):
 
 @pytest.mark.parametrize('held_out', PLACES)
 @pytest.mark.parametrize('places', [1, 2])
+@pytest.mark.slow
 def test_a_prior_chosen_without_the_held_out_place_is_nearly_the_best_there(bags, held_out, places):
     """Identified at two places or at one; the worst strength tried is up to three times off."""
     seen = [place for place in PLACES if place != held_out]
