@@ -115,6 +115,7 @@ def test_the_other_places_identify_too(bags, tmp_path, place, gain):
 
 @pytest.mark.parametrize('held_out', PLACES)
 @pytest.mark.parametrize('places', [1, 2])
+@pytest.mark.slow
 def test_the_evidence_does_no_worse_elsewhere_than_no_prior_or_the_usual_one(
     bags, held_out, places
 ):

@@ -14,7 +14,7 @@ from calib_model.transforms import RigidTransform
 from calib_solver.fitting.evidence import Group, widths
 from calib_solver.fitting.objectives import Quadratic
 from calib_solver.fitting.options import Options
-from calib_solver.fitting.prior import DEFAULT_PRIOR, NO_PRIOR
+from calib_solver.fitting.prior import EVIDENCE_PRIOR, NO_PRIOR
 from calib_solver.identification import identify
 
 pytestmark = pytest.mark.timeout(60)
@@ -91,6 +91,8 @@ def test_the_probes_mount_is_never_held_wider_than_it_can_be():
     probe = scene.measured.probe.__class__('seat', far, scene.measured.probe.center)
     measured = Measurement(kr5(), probe, GAUGE, scene.measured.poses, 'elsewhere')
     done = identify(measured)
-    width = DEFAULT_PRIOR.sigma['probe_translation'] * done.options.prior.times['probe_translation']
+    width = (
+        EVIDENCE_PRIOR.sigma['probe_translation'] * done.options.prior.times['probe_translation']
+    )
     assert width <= 0.5
     assert scene.prediction_error(done.arm, done.probe) < 5e-3
