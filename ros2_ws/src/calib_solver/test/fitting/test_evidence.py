@@ -77,7 +77,8 @@ def zeros_off(seed, degrees, poses):
 @pytest.mark.parametrize('seed', range(4))
 def test_zeros_that_are_degrees_off_are_found_and_said_to_be_far_off(seed):
     scene = zeros_off(seed, 6.0, 8)
-    done, plain = identify(scene.measured), identify(scene.measured, Options(prior=NO_PRIOR))
+    priors = (EVIDENCE_PRIOR, NO_PRIOR)
+    done, plain = (identify(scene.measured, Options(prior=prior)) for prior in priors)
     assert done.fit.converged
     errors = [scene.prediction_error(one.arm, one.probe) for one in (done, plain)]
     assert errors[0] < 1.2 * errors[1]
@@ -90,7 +91,7 @@ def test_the_probes_mount_is_never_held_wider_than_it_can_be():
     far = RigidTransform(np.array([0.1, -0.1, 0.2]))
     probe = scene.measured.probe.__class__('seat', far, scene.measured.probe.center)
     measured = Measurement(kr5(), probe, GAUGE, scene.measured.poses, 'elsewhere')
-    done = identify(measured)
+    done = identify(measured, Options(prior=EVIDENCE_PRIOR))
     width = (
         EVIDENCE_PRIOR.sigma['probe_translation'] * done.options.prior.times['probe_translation']
     )
