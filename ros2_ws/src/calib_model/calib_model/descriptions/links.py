@@ -100,9 +100,11 @@ def _links_of_urdf(text: str, source: str, arm: Arm) -> Links:
         tilt = np.linalg.norm(np.cross(frame.z_joint[0], axis[3:, model.idx_vs[number]]))
         if offset > AXIS_OFFSET or tilt > AXIS_TILT:
             raise DescriptionError(
-                source, name, f'its axis is {offset * 1e3:.0f} mm and {np.degrees(tilt):.0f} deg '
+                source,
+                name,
+                f'its axis is {offset * 1e3:.0f} mm and {np.degrees(tilt):.0f} deg '
                 f'off that of {arm.name} at zero',
-            )  # fmt: skip
+            )
         mass[i] = body.mass
         in_base = placed.act(body.lever)
         center[i] = frame.rotation[0].T @ (in_base - frame.origin[0])

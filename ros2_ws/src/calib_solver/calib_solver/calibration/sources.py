@@ -124,9 +124,10 @@ def load_all(sources: Sources, progress: Progress | None = None) -> Loaded:
     measured, shifts = _joined(parts)
     locations = tuple(
         number + shift
-        for part, shift in zip(found, shifts, strict=True) if part.raw is not None
+        for part, shift in zip(found, shifts, strict=True)
+        if part.raw is not None
         for number in range(1, len(part.raw.locations) + 1)
-    )  # fmt: skip
+    )
     return Loaded(measured, replace(raw, locations=locations)).without_duplicates()
 
 
@@ -152,10 +153,14 @@ def _joined(parts: Sequence[Measurement]) -> tuple[Measurement, list[int]]:
         poses = part.poses
         sets.append(
             ProbingSet(
-                np.asarray(poses.location) + shift, poses.sphere, poses.joints,
-                poses.displacement, poses.stamp, poses.readings,
+                np.asarray(poses.location) + shift,
+                poses.sphere,
+                poses.joints,
+                poses.displacement,
+                poses.stamp,
+                poses.readings,
             )
-        )  # fmt: skip
+        )
     source = ', '.join(part.source for part in parts)
     joined = ProbingSet.joined(sets)
     return Measurement(first.arm, first.probe, first.gauge, joined, source), shifts
@@ -166,5 +171,6 @@ def cut_lines(bags: Sequence[str]) -> tuple[str, ...]:
     return tuple(
         f'{file}: cut short, what was whole is used; ros2 run calib_capture recover says how much '
         'that is'
-        for bag in bags for file in cut_files(bag)
-    )  # fmt: skip
+        for bag in bags
+        for file in cut_files(bag)
+    )
