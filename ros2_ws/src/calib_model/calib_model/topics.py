@@ -56,3 +56,12 @@ DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', depth
 JOINT_TRAJECTORY = Topic('/arm_controller/joint_trajectory', TRAJECTORY, depth=1)
 
 DESCRIPTIONS = (ARM_DESCRIPTION, PROBE_DESCRIPTION, GAUGE_DESCRIPTION)
+
+
+@dataclass(frozen=True)
+class RawTopics:
+    """Where the streams are, and `joints`, the arm's in its order by the names they have there."""
+
+    joint_states: str = JOINT_STATES.name
+    displacements: str = PROBE_DISPLACEMENTS.name
+    joints: tuple[str, ...] = ()

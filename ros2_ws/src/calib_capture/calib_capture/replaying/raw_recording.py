@@ -10,15 +10,9 @@ from calib_model.bags import listed_topics
 from calib_model.errors import BagError
 from calib_model.instruments import Arm, Gauge, Probe
 from calib_model.measurement import ProbingSet
-from calib_model.pairing import (
-    ClockOffset,
-    RawTopics,
-    RecordedStreams,
-    estimate_clock_offset,
-    read_raw,
-)
+from calib_model.pairing import ClockOffset, RecordedStreams, estimate_clock_offset, read_raw
 from calib_model.progress import Pace, Progress
-from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
+from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS, RawTopics
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,6 @@ from calib_model.pairing import (
     Reading,
     SteadySettings,
     estimate_clock_offset,
-    interpolated,
 )
 from calib_model.stamps import SECOND
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
@@ -194,10 +193,10 @@ def test_pair_reports_the_offset_and_corrects_it_when_asked(
         done = pair(tmp_path / 'raw', out, anything, tmp_path / 'places.yaml', corrected)
         assert abs(done.clock.seconds - 0.003) < 2e-4
         poses = read_measurement(out).poses
-        told = columns(joints, readings)
+        at = [(each.stamp - T0) / SECOND for each in joints]
         for shift in (0.0, 0.003):
-            instants = poses.stamp + round(shift * SECOND)
-            right = interpolated(told.joint_stamp, told.joints, instants, 0.1).joints
-            spread[corrected, shift] = np.abs(right - poses.joints).max()
+            t = (poses.stamp - T0) / SECOND + shift
+            right = [np.interp(t, at, [each.joints[i] for each in joints]) for i in range(6)]
+            spread[corrected, shift] = np.abs(np.transpose(right) - poses.joints).max()
     assert spread[False, 0.0] < 1e-7
     assert spread[True, 0.003] < 2e-6 < spread[False, 0.003]

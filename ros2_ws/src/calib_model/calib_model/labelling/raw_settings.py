@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from calib_model.instruments import Arm, Gauge, Probe
-from calib_model.pairing import RawTopics
+from calib_model.topics import RawTopics
 
 
 @dataclass(frozen=True)

@@ -37,8 +37,11 @@ if TYPE_CHECKING:
     from calib_model.pairing.raw_bag import (
         read_raw as read_raw,
     )
-    from calib_model.pairing.raw_topics import (
-        RawTopics as RawTopics,
+    from calib_model.pairing.readings import (
+        JointSample as JointSample,
+        Reading as Reading,
+        Reason as Reason,
+        usable as usable,
     )
     from calib_model.pairing.settings_record import (
         HAND_GUIDED_NOTE as HAND_GUIDED_NOTE,
@@ -53,15 +56,11 @@ if TYPE_CHECKING:
         SpacedPoses as SpacedPoses,
     )
     from calib_model.pairing.stop_and_go import (
-        JointSample as JointSample,
         Outcome as Outcome,
         Pairing as Pairing,
-        Reading as Reading,
-        Reason as Reason,
         Refusal as Refusal,
         SteadyPose as SteadyPose,
         SteadySettings as SteadySettings,
-        usable as usable,
     )
     from calib_model.pairing.streams import (
         RawStreams as RawStreams,

@@ -18,8 +18,9 @@ import numpy as np
 from calib_model.arrays import Array
 from calib_model.instruments import Arm, Gauge, Probe, known_centers
 from calib_model.kinematics import points, probing_jacobian
+from calib_model.pairing.clock_equations import ChunkSums, centred, solved
 from calib_model.pairing.interpolation import interpolated
-from calib_model.pairing.stop_and_go import GRAVEST, JointSample, Reading, objections, usable
+from calib_model.pairing.readings import GRAVEST, JointSample, Reading, objections, usable
 from calib_model.pairing.stream_order import STEP_BACK, Rows
 from calib_model.pairing.streams import RawStreams
 from calib_model.stamps import SECOND
@@ -28,7 +29,6 @@ FINE = 0.02  # s between joint states up to which the arm's way between them is 
 APART = 0.1  # s between readings that belong to one contact
 SPACING = 7_900_000  # ns between readings that are looked at: more of them tell little more
 CHUNK = 200  # readings that are kept together
-WHILE = 25  # readings within which nothing but motion moves the sphere
 STEP = 8e-3  # s of the central difference: noise of joint states is no velocity
 FEW = 2  # readings in a row that tell nothing
 SLOWEST = 2e-3  # m/s that count as motion
@@ -45,8 +45,6 @@ KEPT = 120  # chunks: beyond, every second one is forgotten
 #: m and rad
 UNKNOWN = (1e-3, 2e-3, 1e-3, 2e-3, 2e-3)
 UNKNOWN_PROBE = (2e-3, 2e-2)
-FITTED = 6  # chunks that look no worse than they are: the arm's parameters have bent to them
-NOISE = 1e-4  # m: what no kinematic parameter explains
 
 
 @dataclass(frozen=True)
@@ -78,20 +76,6 @@ class _Chunk:
     q: Array
 
 
-@dataclass(frozen=True)
-class _Sums:
-    """What a chunk tells when its readings are `around` s from the joints.
-
-    Its columns are the rate by the offset, those of P parameters, and the sphere's place:
-    `square` (P + 2, P + 2) sums their products over readings and coordinates, each column around
-    its mean over a short while.
-    """
-
-    readings: int
-    moving: int
-    square: Array
-
-
 class ClockEstimate:
     """Takes both streams, message by message or whole, and tells the offset between their clocks.
 
@@ -108,7 +92,7 @@ class ClockEstimate:
         self._every, self._skipped = 1, 0
         self._chunks: list[_Chunk] = []
         self._around = 0.0
-        self._sums: list[_Sums] = []
+        self._sums: list[ChunkSums] = []
 
     @property
     def chunks(self) -> int:
@@ -174,7 +158,7 @@ class ClockEstimate:
             sums = [each for each in self._sums if each.readings]
             if sum(each.moving for each in sums) < FEWEST:
                 return None
-            seconds, uncertainty = _solved(sums, self._prior())
+            seconds, uncertainty = solved(sums, self._prior())
             if not abs(seconds) <= LONGEST:
                 self._around, self._sums = 0.0, []
                 return None
@@ -234,7 +218,7 @@ class ClockEstimate:
             self._chunks, self._sums = self._chunks[::2], []
             self._every *= 2
 
-    def _summed(self, chunk: _Chunk) -> _Sums:
+    def _summed(self, chunk: _Chunk) -> ChunkSums:
         at = chunk.stamp + round(self._around * SECOND)
         step = round(STEP * SECOND)
         before, here, after = (
@@ -243,7 +227,7 @@ class ClockEstimate:
         known = before.known & here.known & after.known
         p_probe = chunk.p_probe[known]
         if len(p_probe) <= FEW:
-            return _Sums(0, 0, np.zeros(0))
+            return ChunkSums(0, 0, np.zeros(0))
         p_flange = self._probe.flange_T_probe.apply(p_probe)
         ends = [points(self._arm, each.joints[known], p_flange) for each in (before, after)]
         rate = (ends[1] - ends[0]) / (2 * STEP)  # m/s
@@ -254,8 +238,8 @@ class ClockEstimate:
         )
         place = p_base - rate * self._around
         columns = np.concatenate([rate[..., None], by_parameters, place[..., None]], axis=2)
-        rows = _centred(columns).reshape(-1, columns.shape[2])
-        return _Sums(len(p_probe), int(moving.sum()), rows.T @ rows)
+        rows = centred(columns).reshape(-1, columns.shape[2])
+        return ChunkSums(len(p_probe), int(moving.sum()), rows.T @ rows)
 
 
 def estimate_clock_offset(
@@ -277,35 +261,3 @@ def _spaced(stamp: Rows, spacing: int) -> list[int]:
             rows.append(row)
             due = each + spacing
     return rows
-
-
-def _solved(chunks: Sequence[_Sums], prior: Array) -> tuple[float, float]:
-    """The offset and its standard uncertainty, s, with the parameters as far off as `prior` lets.
-
-    The uncertainty is that of chunks that err on their own: neighbouring readings err alike. It is
-    no less than what the parameters leave open: chunks of one sphere, to which they all bent, agree
-    with one another and not with the truth.
-    """
-    squares = np.array([chunk.square for chunk in chunks]) / NOISE**2
-    square = squares.sum(axis=0)
-    inverse = np.linalg.pinv(square[:-1, :-1] + np.diag(prior), hermitian=True)
-    x = -inverse @ square[:-1, -1]
-    score = np.append(inverse[0], 0.0) @ squares @ np.append(x, 1.0)
-    freedom = len(chunks) / max(len(chunks) - FITTED, 1)
-    scatter = np.sqrt((score**2).sum() * freedom)
-    best = np.append(x, 1.0)
-    noise = best @ square @ best / sum(3 * chunk.readings for chunk in chunks)  # in NOISE**2
-    return float(x[0]), float(max(scatter, np.sqrt(inverse[0, 0] * noise * WHILE)))
-
-
-def _centred(columns: Array) -> Array:
-    """Columns (N, 3, K) around their mean over each `WHILE` rows.
-
-    What an arm's errors and the hand's force do to the sphere's place changes slowly, and so does
-    not matter.
-    """
-    begin = np.arange(0, len(columns), WHILE)
-    count = np.diff(np.append(begin, len(columns)))
-    mean = np.add.reduceat(columns, begin) / count[:, None, None]
-    centred: Array = columns - np.repeat(mean, count, axis=0)
-    return centred

@@ -13,16 +13,9 @@ from numpy.typing import NDArray
 from calib_model.arrays import Array, frozen
 from calib_model.pairing.interpolation import interpolated
 from calib_model.pairing.paired_readings import WIDE, HandGuidedSettings, pair_readings
+from calib_model.pairing.readings import JointSample, Reading
 from calib_model.pairing.spaced_poses import SpacedPoses
-from calib_model.pairing.stop_and_go import (
-    JointSample,
-    Outcome,
-    Pairing,
-    Reading,
-    Refusal,
-    SteadyPose,
-    SteadySettings,
-)
+from calib_model.pairing.stop_and_go import Outcome, Pairing, Refusal, SteadyPose, SteadySettings
 from calib_model.pairing.stream_order import STEP_BACK, unbroken
 from calib_model.pairing.streams import RawStreams, RecordedStreams
 from calib_model.stamps import SECOND

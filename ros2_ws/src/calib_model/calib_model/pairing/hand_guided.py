@@ -23,7 +23,7 @@ from calib_model.pairing.paired_readings import (
     PairedReading,
     pair_readings,
 )
-from calib_model.pairing.stop_and_go import JointSample, Reading
+from calib_model.pairing.readings import JointSample, Reading
 from calib_model.pairing.stream_order import STEP_BACK
 from calib_model.pairing.streams import RawStreams
 from calib_model.stamps import SECOND

@@ -36,6 +36,7 @@ def interpolated(
     near as the two are apart; with only one such neighbour it is a parabola, without any a line.
 
     So four states decide, whatever comes before and after: live pairing waits for one state more.
+    Given two alone, as of an arm at rest, it is the line between them.
     """
     found = np.full((len(at), joints.shape[1]), np.nan)
     known, across = np.zeros(len(at), dtype=np.bool_), np.zeros(len(at), dtype=np.int64)

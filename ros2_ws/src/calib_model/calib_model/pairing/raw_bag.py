@@ -14,8 +14,7 @@ from calib_model.arrays import Array
 from calib_model.bags import BagDescriptions, PoseMessages, Told, listed_topics, read_messages
 from calib_model.errors import BagError
 from calib_model.measurement import ProbingSet
-from calib_model.pairing.raw_topics import RawTopics
-from calib_model.pairing.stop_and_go import LARGEST
+from calib_model.pairing.readings import LARGEST
 from calib_model.pairing.stream_columns import (
     JointBlock,
     ReadingBlock,
@@ -31,6 +30,7 @@ from calib_model.topics import (
     DESCRIPTIONS,
     DISPLACEMENTS,
     JOINT_STATE,
+    RawTopics,
 )
 
 BLOCK = 20_000  # messages that are decoded together

@@ -9,13 +9,8 @@ from hypothesis import given, settings, strategies as st
 
 from calib_model.pairing.from_streams import pair_streams, standing_outcomes
 from calib_model.pairing.paired_readings import HandGuidedSettings
-from calib_model.pairing.stop_and_go import (
-    JointSample,
-    Pairing,
-    Reading,
-    SteadyPose,
-    SteadySettings,
-)
+from calib_model.pairing.readings import JointSample, Reading
+from calib_model.pairing.stop_and_go import Pairing, SteadyPose, SteadySettings
 from calib_model.pairing.streams import RawStreams
 from calib_model.stamps import SECOND
 

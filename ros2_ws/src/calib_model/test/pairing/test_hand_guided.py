@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 
 from calib_model.pairing.hand_guided import LONGEST_WAIT, HandGuidedPairing
 from calib_model.pairing.paired_readings import NO_JOINTS, OUT_OF_ORDER, HandGuidedSettings
-from calib_model.pairing.stop_and_go import JointSample, Reading
+from calib_model.pairing.readings import JointSample, Reading
 from calib_model.stamps import SECOND
 
 pytestmark = pytest.mark.timeout(60)

@@ -5,16 +5,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from calib_model.pairing.stop_and_go import (
-    JointSample,
-    Pairing,
-    Reading,
-    Reason,
-    Refusal,
-    Status,
-    SteadyPose,
-    SteadySettings,
-)
+from calib_model.pairing.readings import JointSample, Reading, Reason, Status
+from calib_model.pairing.stop_and_go import Pairing, Refusal, SteadyPose, SteadySettings
 from calib_model.stamps import SECOND
 
 pytestmark = pytest.mark.timeout(60)

@@ -7,7 +7,7 @@ from argparse import Namespace
 
 from calib_model import labelling, pairing
 from calib_model.command_line import CommandParser, UsageError, number_from
-from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
+from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS, RawTopics
 
 MOTIONS = {'auto': None, 'standing': True, 'led': False}
 SETTINGS = {
@@ -78,6 +78,6 @@ def raw_settings(given: Namespace) -> labelling.RawSettings:
     chosen = {name: getattr(given, name) for name in SETTINGS if getattr(given, name) is not None}
     if len(set(given.spheres)) < len(given.spheres):
         raise UsageError('--spheres: a number is there twice')
-    topics = pairing.RawTopics(given.joint_states, given.displacements, tuple(given.joints))
+    topics = RawTopics(given.joint_states, given.displacements, tuple(given.joints))
     settings = tuple(chosen.items())
     return labelling.RawSettings(topics, tuple(given.spheres), settings, MOTIONS[given.motion])

@@ -22,8 +22,7 @@ from calib_model.errors import CalibrationError
 from calib_model.files import Folders, NotPermittedError, usual_reading, usual_writing
 from calib_model.labelling import RawSettings
 from calib_model.nodes import NodeCommand, Parameters, qos_of, run_node
-from calib_model.pairing import RawTopics
-from calib_model.topics import SOLVER_MARKERS
+from calib_model.topics import SOLVER_MARKERS, RawTopics
 from calib_solver.calibration import (
     Effort,
     Sources,
