@@ -89,7 +89,7 @@ def beyond_lines(record: Record) -> list[str]:
 
 def prior_lines(record: Record) -> list[str]:
     """What widths came out where these were left to the evidence."""
-    return [prior_words(record)] if record['times'] else []
+    return [prior_words(record)] if record['widths'] else []
 
 
 def table(columns: dict[str, Quality]) -> list[str]:

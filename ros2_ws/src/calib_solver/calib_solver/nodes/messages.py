@@ -17,6 +17,7 @@ from calib_interfaces.msg import (
     MeasuringArm,
     PositionQuality,
     PriorChoice,
+    PriorWidth,
     ProbedSphere,
     ProbeFitReport,
     Quality,
@@ -113,8 +114,10 @@ def rejected(records: list[Record]) -> list[RejectedPose]:
 
 def diagnostics(record: Record) -> Diagnostics:
     """The fit's account of itself."""
-    message = filled(Diagnostics(), {**record, 'prior': PriorChoice()})
-    message.prior.strength = record['prior']['strength']
+    prior = record['prior']
+    widths = [filled(PriorWidth(), one) for one in prior['widths']]
+    message = filled(Diagnostics(), {**record, 'prior': PriorChoice(widths=widths)})
+    message.prior.strength, message.prior.evidence = prior['strength'], prior['evidence']
     return message
 
 

@@ -47,7 +47,7 @@ def prior_record(done: Identification) -> dict[str, Any]:
         'strength': prior.strength,
         'cross_validation': None,
         'evidence': prior.evidence,
-        'times': dict(prior.times),
+        'widths': [{'kind': kind, 'times': times} for kind, times in prior.times.items()],
     }
 
 
@@ -55,7 +55,7 @@ def prior_words(record: dict[str, Any]) -> str:
     """What the prior was, in words for people; `record` as `prior_record` has it."""
     if record['strength'] == 0:
         return 'No prior: the poses alone decide.'
-    times = record['times']
+    times = {one['kind']: one['times'] for one in record['widths']}
     if not times:
         return f'The prior draws parameters to nominal with strength {record["strength"]:g}.'
     widths = ', '.join(f'{KINDS.get(kind, kind)} {size:.2g}' for kind, size in times.items())
