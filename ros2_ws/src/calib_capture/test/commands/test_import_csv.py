@@ -183,7 +183,7 @@ def test_a_failing_disk_leaves_nothing_behind(
         (path / 'bag_0.mcap').write_bytes(b'half')
         raise OSError(28, 'No space left on device')
 
-    monkeypatch.setattr(command, 'write_measurement', full)
+    monkeypatch.setattr(command.bags, 'write_measurement', full)
     code, line = run(TABLE)
     assert code == 2
     assert line == f'{tmp_path / "bag"}: cannot be written: No space left on device\n'

@@ -71,9 +71,11 @@ def certificate_warnings(
     error, slope = distance_errors(problem, sums)
     size = _rms(error) if len(error) else 0.0
     times = size / _expected(problem, noise) if len(error) else 0.0
-    named = _named_spheres(problem, sums, held, (error, slope))
-    if named and misfit >= MISFIT:
-        return named
+    if misfit >= MISFIT:
+        # where all is far off it is another gauge, not several of its spheres
+        named = _named_spheres(problem, sums, held, (error, slope), 1 if size >= BEYOND else None)
+        if named:
+            return named
     if size >= BEYOND:
         return (
             f'distances between spheres still differ by {size * 1e3:.3f} mm (rms) from the '
@@ -98,9 +100,14 @@ def _expected(problem: Problem, noise: float) -> float:
 
 
 def _named_spheres(
-    problem: Problem, sums: SphereSums, held: Array, distances: tuple[Array, Array]
+    problem: Problem,
+    sums: SphereSums,
+    held: Array,
+    distances: tuple[Array, Array],
+    most: int | None,
 ) -> tuple[str, ...]:
-    """A line for the spheres whose certified centres are wrong, if these explain most errors.
+    """A line for the spheres whose certified centres are wrong, `most` at the most or half of
+    them, if these explain most errors.
 
     What the parameters have taken up of a wrong centre is given back: both are solved together. As
     few spheres as explain them are named; of sets that do so alike, that of the smallest shifts.
@@ -111,7 +118,7 @@ def _named_spheres(
         return ()
     normal = distance_repeatability(problem, sums).normal + np.diag(held)
     columns = {number: _by_center(problem, number) for number in numbers}
-    for count in range(1, max(1, len(numbers) // 2) + 1):
+    for count in range(1, (most or max(1, len(numbers) // 2)) + 1):
         sets = list(combinations(numbers, count))
         if len(sets) > MOST_SETS:
             return ()

@@ -109,7 +109,8 @@ def widths(
     for _ in range(MOST_UPDATES):
         held = times[kind]
         root = held[:, None] * normal * held / noise + np.eye(len(x))
-        inverse = np.linalg.inv(root)
+        # what nothing tells may be so far out of scale that rounding takes the 1 of its width
+        inverse = np.linalg.pinv(root)
         offset = held * (inverse @ (held * right)) / noise
         told: Array = np.clip(1 - np.diag(inverse), 0.0, 1.0)
         left = offset - at
