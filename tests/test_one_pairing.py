@@ -18,6 +18,9 @@ from calib_model.labelling import Instruments, RawSettings, SphereFinder, label_
 from calib_model.measurement import ProbingSet
 from calib_model.pairing import (
     HAND_GUIDED_NOTE,
+    OUT_OF_ORDER,
+    REASONS,
+    Gaps,
     HandGuidedPairing,
     HandGuidedSettings,
     JointSample,
@@ -26,6 +29,7 @@ from calib_model.pairing import (
     RecordedStreams,
     SteadyPose,
     SteadySettings,
+    pair_readings,
     recorded_outcomes,
 )
 from calib_model.stamps import SECOND
@@ -238,3 +242,56 @@ def recorded(messages: list[Message]) -> RecordedStreams:
         np.array([m.displacement for _, m in readings]),
         np.array([m.status for _, m in readings], dtype=np.uint8),
     )
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    lost=st.sampled_from([0.0, 0.02, 0.3]),
+    late=st.integers(0, 40_000_000),
+    lateness=st.sampled_from([0.0, 0.01, 0.05]),
+    back=st.sampled_from([0, 3 * SECOND]),
+    shift=st.sampled_from([0, -3_000_000]),
+)
+def test_readings_are_paired_of_a_recording_as_they_are_live(
+    seed: int, lost: float, late: int, lateness: float, back: int, shift: int
+) -> None:
+    """Of an arm in motion, every reading: the same joints or the same reason."""
+    rng = np.random.default_rng(seed)
+    arm = [JointSample(t, np.sin([t * 2e-9, t * 3e-9])) for t in range(0, SECOND, 4_000_000)]
+    probe = [
+        Reading(t, rng.normal(size=3), (int(rng.random() < 0.05), 0, 0))
+        for t in range(700_000, SECOND, 2_000_000)
+    ]
+    sent: list[Message] = [each for each in [*arm, *probe] if rng.random() >= lost]
+    sent += [each for each in sent if rng.random() < 0.02]
+    delay = [rng.integers(0, late + 1) if rng.random() < 0.05 else 0 for _ in sent]
+    arriving = [sent[i] for i in np.argsort([m.stamp for m in sent] + np.array(delay))]
+    arriving = [
+        m._replace(stamp=m.stamp + 10 * SECOND - back * (m.stamp > SECOND // 2)) for m in arriving
+    ]
+    pairing = HandGuidedPairing(HandGuidedSettings(lateness=lateness), shift)
+    found = []
+    for each in arriving:
+        add = pairing.add_reading if isinstance(each, Reading) else pairing.add_joints
+        found += add(each)  # type: ignore[arg-type]
+    found += pairing.finish()
+    expected: list[tuple[int, str, bytes]] = []
+    gaps, late_joints, late_readings = Gaps(), 0, 0
+    for stretch in recorded(arriving).stretches():
+        streams = stretch.ordered(lateness)
+        paired = pair_readings(streams, HandGuidedSettings().max_gap, shift)
+        gaps.see(paired.gap)
+        late_joints += streams.late_joints
+        late_readings += streams.late_readings
+        for stamp, reason, joints in zip(paired.stamp, paired.reason, paired.joints, strict=True):
+            expected.append(
+                (int(stamp), REASONS[reason], b'' if REASONS[reason] else bytes(joints))
+            )
+    assert sorted(
+        (each.stamp, each.reason, b'' if each.joints is None else bytes(each.joints))
+        for each in found
+        if each.reason != OUT_OF_ORDER
+    ) == sorted(expected)
+    assert late_readings == sum(each.reason == OUT_OF_ORDER for each in found)
+    assert (late_joints, gaps.bridged) == (pairing.late_joints, pairing.bridged)

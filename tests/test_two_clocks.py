@@ -12,7 +12,13 @@ from calib_capture.commands.pair import pair_hand_guided_bag
 from calib_capture.recording import HandGuidedRecord
 from calib_capture.replaying import PairedHandGuided, read_recording
 from calib_model.bags import BagWriter, cdr, write_descriptions
-from calib_model.pairing import ClockEstimate, HandGuidedSettings, JointSample, Reading
+from calib_model.pairing import (
+    ClockEstimate,
+    HandGuidedSettings,
+    JointSample,
+    Reading,
+    interpolated,
+)
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS
 from calib_solver.identification import identify
 from calib_solver.problem import Problem
@@ -127,12 +133,9 @@ def test_half_a_minute_at_one_sphere_promises_no_more_than_it_can(scene, seed):
 
 def test_corrected_joints_are_those_of_the_right_instant(paired):
     sets, _, streams = paired
-    poses, at = sets['corrected'][0].poses, streams.joint_stamp
-    columns = streams.joints.T
+    poses, known = sets['corrected'][0].poses, (streams.joint_stamp, streams.joints)
     off = {
-        shift: np.abs(
-            np.transpose([np.interp(poses.stamp + shift, at, q) for q in columns]) - poses.joints
-        ).max()
+        shift: np.abs(interpolated(*known, poses.stamp + shift, 0.02).joints - poses.joints).max()
         for shift in (0, BEHIND)
     }
     assert off[BEHIND] < 1e-3 < 5e-3 < off[0]

@@ -109,18 +109,42 @@ def recorded_outcomes(
     begins = [stretch.start for stretch in unbroken(recorded.joint_stamp, arm, step_back)]
     numbers = [0, *recorded.joint_number[begins[1:]].tolist(), recorded.end]
     for begin, end in zip(numbers, numbers[1:], strict=False):
-        received = recorded.received(begin, end)
-        parts = [part.ordered(settings.lateness) for part in received.by_readings(step_back)]
-        late += parts[0].late_joints + sum(part.late_readings for part in parts)
-        outcomes += standing_outcomes(parts[0], settings, parts)
+        readings = _Readings(recorded.received(begin, end), settings.lateness, step_back)
+        late += readings.late
+        outcomes += standing_outcomes(readings.streams, settings, readings)
     return outcomes, late
 
 
+class _Readings:
+    """The readings of a stretch of joint states, in parts: each begins where their stamps fall back
+    by more than `step_back` (ns), and what was left of the one before is forgotten."""
+
+    def __init__(self, received: RecordedStreams, lateness: float, step_back: int) -> None:
+        recorded = list(received.by_readings(step_back))
+        self._until = [int(part.reading_number[0]) for part in recorded[1:]]
+        self._parts = [part.ordered(lateness, broken_off=True) for part in recorded[:-1]]
+        self._parts.append(recorded[-1].ordered(lateness))
+        self.streams = self._parts[-1]
+        self.late = self.streams.late_joints + sum(part.late_readings for part in self._parts)
+        self._newest = np.maximum.accumulate(received.joint_stamp) - round(lateness * SECOND)
+        self._number = received.joint_number
+
+    def deciding(self, answered: int, end: int) -> RawStreams:
+        """Those that decide on a stop with the joint state `answered` (ns) after its window, which
+        ends at `end` (ns): of the first part that reaches so far and was there that long."""
+        row = int(np.searchsorted(self._newest, answered))
+        if row < len(self._number):
+            for until, part in zip(self._until, self._parts, strict=False):
+                stamp = part.reading_stamp
+                if until > self._number[row] and len(stamp) and stamp[-1] >= end:
+                    return part
+        return self._parts[-1]
+
+
 def standing_outcomes(
-    streams: RawStreams, settings: SteadySettings, parts: Sequence[RawStreams] = ()
+    streams: RawStreams, settings: SteadySettings, readings: _Readings | None = None
 ) -> Iterator[Outcome]:
-    """What `Pairing` makes of the streams, stop by stop; where the readings began anew, a stop is
-    decided by those `parts` of them that reach beyond its end first.
+    """What `Pairing` makes of the streams, stop by stop; of `readings` in parts, if there are any.
 
     Only the samples of a stop and the first after it decide on it, so `Pairing` is shown these.
     """
@@ -137,23 +161,19 @@ def standing_outcomes(
         end = min(int(np.searchsorted(t, t[first] + window)), last)
         rows = [*range(first, end + 1), *([last + 1] if end < last + 1 < len(t) else [])]
         samples = [JointSample(int(t[row]), q[row]) for row in rows]
-        yield from _stop(samples, settings, window, parts or (streams,))
+        answered, until = int(t[end]), int(t[first]) + window
+        deciding = streams if readings is None else readings.deciding(answered, until)
+        yield from _stop(samples, deciding, settings, until)
 
 
 def _stop(
-    samples: Sequence[JointSample],
-    settings: SteadySettings,
-    window: int,
-    parts: Sequence[RawStreams],
+    samples: Sequence[JointSample], streams: RawStreams, settings: SteadySettings, end: int
 ) -> list[Outcome]:
     pairing = Pairing(settings)
     found = [outcome for sample in samples for outcome in pairing.add_joints(sample)]
-    begin, end = samples[0].stamp, samples[0].stamp + window
-    reaching = (part for part in parts if len(part.reading_stamp) and part.reading_stamp[-1] >= end)
-    readings = next(reaching, parts[-1])
-    rows = np.searchsorted(readings.reading_stamp, [begin, end])
-    for row in range(rows[0], min(rows[1] + 2, len(readings.reading_stamp))):
-        found += pairing.add_reading(_reading(readings, row))
+    rows = np.searchsorted(streams.reading_stamp, [samples[0].stamp, end])
+    for row in range(rows[0], min(rows[1] + 2, len(streams.reading_stamp))):
+        found += pairing.add_reading(_reading(streams, row))
     return found + pairing.finish()
 
 

@@ -62,10 +62,18 @@ class RecordedStreams:
         last = np.concatenate([[-1], self.joint_number[-1:], self.reading_number[-1:]])
         return int(last.max()) + 1
 
-    def ordered(self, lateness: float) -> RawStreams:
-        """Both streams as live pairing puts them in order; nothing falls back in them."""
+    def ordered(self, lateness: float, broken_off: bool = False) -> RawStreams:
+        """Both streams as live pairing puts them in order; nothing falls back in them.
+
+        Where readings are `broken_off`, those that still waited for late ones are lost.
+        """
         states = in_order(self.joint_stamp, lateness)
         readings = in_order(self.reading_stamp, lateness)
+        count = len(self.reading_stamp)
+        if broken_off and count:
+            last = self.reading_stamp.max() - round(lateness * SECOND)
+            readings = readings[self.reading_stamp[readings] <= last]
+            count = int((self.reading_stamp <= last).sum())
         return RawStreams(
             self.joint_stamp[states],
             self.joints[states],
@@ -73,7 +81,7 @@ class RecordedStreams:
             self.displacement[readings],
             self.status[readings],
             len(self.joint_stamp) - len(states),
-            len(self.reading_stamp) - len(readings),
+            count - len(readings),
         )
 
     def stretches(self) -> Iterator[RecordedStreams]:
