@@ -28,7 +28,7 @@ from calib_model.pairing.stream_order import STEP_BACK
 from calib_model.pairing.streams import RawStreams
 from calib_model.stamps import SECOND
 
-TOGETHER = 16  # readings that are settled together: one by one would take ten times as long
+TOGETHER = SECOND // 30  # ns of readings settled together: one by one takes ten times as long
 LONGEST_WAIT = 60 * SECOND  # ns that one stream waits for the other: memory is not for ever
 
 Stamped = TypeVar('Stamped', JointSample, Reading)
@@ -141,8 +141,10 @@ class HandGuidedPairing:
         """What has become due, once that is worth a call."""
         if not self._waiting:
             return []
-        worth = len(self._waiting) >= TOGETHER and self._reached(self._waiting[TOGETHER - 1].stamp)
-        return self._settle() if worth or self._waited_out(self._waiting[0]) else []
+        first = self._waiting[0]
+        both = min(self._of_arm.newest, self._of_probe.newest)
+        worth = both - first.stamp >= TOGETHER and self._reached(first.stamp)
+        return self._settle() if worth or self._waited_out(first) else []
 
     def _settle(self) -> list[PairedReading]:
         due: list[Reading] = []
