@@ -35,7 +35,7 @@ BELOW = {
 #: the rooms of each package: a room imports only what stands after it
 ORDER = {
     'calib_model': 'nodes commands labelling pairing bags urdf descriptions kinematics measurement '
-    'instruments files topics progress command_line stamps transforms arrays errors lazy',
+    'instruments files topics progress command_line bounds stamps transforms arrays errors lazy',
     'selfcenter_probe': 'nodes commands operator simulation sensing',
     'calib_capture': 'nodes commands replaying recording program motion default_files',
     'calib_solver': 'nodes commands calibration report results resampling held_out identification '
@@ -47,6 +47,7 @@ BASE = {
     'topics',
     'progress',
     'command_line',
+    'bounds',
     'stamps',
     'transforms',
     'arrays',

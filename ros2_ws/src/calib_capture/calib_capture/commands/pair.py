@@ -19,6 +19,7 @@ from calib_capture.replaying import (
     paired_program,
 )
 from calib_model.bags import read_notes, write_measurement
+from calib_model.bounds import PAIRING
 from calib_model.command_line import CommandParser, UsageError, number_from, run_command
 from calib_model.descriptions import parse_placements, read_description
 from calib_model.errors import BagError
@@ -27,7 +28,6 @@ from calib_model.measurement import Measurement
 from calib_model.pairing import (
     HAND_GUIDED_NOTE,
     NOTE,
-    PAIRING,
     HandGuidedSettings,
     SteadySettings,
     settings_of,

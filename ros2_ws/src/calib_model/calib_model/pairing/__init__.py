@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     from calib_model.pairing.settings_record import (
         HAND_GUIDED_NOTE as HAND_GUIDED_NOTE,
         NOTE as NOTE,
-        PAIRING as PAIRING,
         hand_guided_settings_of as hand_guided_settings_of,
         note_of as note_of,
         noted_number as noted_number,

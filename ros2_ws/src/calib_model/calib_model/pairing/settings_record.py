@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, fields, replace
 
+from calib_model.bounds import PAIRING
 from calib_model.errors import BagError
 from calib_model.pairing.paired_readings import HandGuidedSettings
 from calib_model.pairing.stop_and_go import SteadySettings
@@ -72,18 +73,3 @@ def noted_number(note: Mapping[str, str], name: str, source: str) -> float:
             f'{source}: {name} is {note[name]!r}, expected a number from {least:g} to {most:g}'
         )
     return number
-
-
-#: what the settings of pairing may be: s, but for max_speed in rad/s, max_spread in m and spacing
-#: in rad
-PAIRING = {
-    'settle': (0.0, 60.0),
-    'dwell': (0.0, 60.0),
-    'max_speed': (0.0, 1e3),
-    'max_spread': (0.0, 1.0),
-    'max_gap': (1e-6, 60.0),
-    'lateness': (0.0, 60.0),
-    'spacing': (0.0, 100.0),
-    'seated': (0.0, 60.0),
-    'min_readings': (1, 1e6),
-}

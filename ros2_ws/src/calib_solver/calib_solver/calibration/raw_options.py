@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from argparse import Namespace
 
-from calib_model import labelling, pairing
+from calib_model import labelling
+from calib_model.bounds import PAIRING
 from calib_model.command_line import CommandParser, UsageError, number_from
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS, RawTopics
 
@@ -58,7 +59,7 @@ def add_raw_arguments(parser: CommandParser) -> None:
     for name, text in SETTINGS.items():
         group.add_argument(
             f'--{name.replace("_", "-")}',
-            type=number_from(*pairing.PAIRING[name]),
+            type=number_from(*PAIRING[name]),
             metavar='X',
             help=f'{text} (as captured)',
         )

@@ -11,6 +11,9 @@ from calib_model.command_line import CommandParser, UsageError, run_command
 from calib_model.progress import Progress
 from calib_solver import calibration, error_models, fitting, report, resampling
 
+#: those of calib_solver.fitting, which takes long to load
+OBJECTIVES = ('distance_repeatability', 'distance', 'position')
+
 ABOUT = """\
 Identify the Denavit-Hartenberg parameters of an arm, and where the probe sits on its flange,
 from bags of probing poses, or of nothing but /joint_states and /probe/displacements."""
@@ -39,7 +42,7 @@ def arguments() -> CommandParser:
         '--objective',
         default='distance_repeatability',
         metavar='NAME',
-        help=f'one of {", ".join(fitting.OBJECTIVES)} (default: %(default)s)',
+        help=f'one of {", ".join(OBJECTIVES)} (default: %(default)s)',
     )
     parser.add_argument(
         '--test',

@@ -15,6 +15,7 @@ from calib_model.errors import DataError
 from calib_model.instruments import Gauge
 from calib_model.kinematics import identifiable_table
 from calib_model.transforms import RigidTransform
+from calib_solver.commands import identify
 from calib_solver.fitting.objectives import OBJECTIVES, objective
 from calib_solver.problem import Problem, accumulate
 from calib_solver.quality import assess, probed_points
@@ -206,3 +207,7 @@ def test_pairs_are_every_two_spheres_of_a_location_once(passive_scene):
     ]
     expected = [(loc, *pair) for loc in range(1, 6) for pair in combinations(SPHERES, 2)]
     assert named == expected
+
+
+def test_the_command_offers_the_objectives_that_there_are():
+    assert set(identify.OBJECTIVES) == set(OBJECTIVES)
