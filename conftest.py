@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What every test of every package needs."""
 
+import os
 import signal
 from collections.abc import Iterator
+
+# before numpy is loaded: tests go side by side, and their matrices are small
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import pytest
 from hypothesis import settings

@@ -23,7 +23,7 @@ KEYS = {
     'yaml': 'python3-yaml',
     'zstandard': 'python3-rosbags-pip',  # which needs it too
 }
-WITHOUT_KEY = {'distributed', 'eaik'}
+WITHOUT_KEY = {'distributed', 'eaik', 'threadpoolctl'}
 
 
 def imported(folders: list[Path]) -> set[str]:

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """From the arm and the probe to a bag of probing poses: planned, driven, paired, recorded."""
 
-import os
 from typing import TYPE_CHECKING
 
+from calib_model.blas_threads import ask_for_one_thread
 from calib_model.lazy import lazily
 
-# the matrices are small: BLAS threads only wait for one another
-os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+# the matrices are small
+ask_for_one_thread()
 
 if TYPE_CHECKING:
     from calib_capture.motion import (

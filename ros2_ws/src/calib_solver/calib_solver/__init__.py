@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Identification of a probe's place on the flange (eq. 15) and of an arm's parameters (eq. 11)."""
 
-import os
 from typing import TYPE_CHECKING
 
+from calib_model.blas_threads import ask_for_one_thread
 from calib_model.lazy import lazily
 
-# the matrices are small: BLAS threads only wait for one another, and the compiled pass has its own
-os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+# the matrices are small, and the compiled pass has its own threads
+ask_for_one_thread()
 
 if TYPE_CHECKING:
     from calib_solver.calibration import (
