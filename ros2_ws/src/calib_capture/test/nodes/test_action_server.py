@@ -84,9 +84,11 @@ class Client:
     def teach(self, location, sphere):
         self.until(self.teach_service.service_is_ready)
         request = Teach.Request(location=location, sphere=sphere)
-        for _ in range(20):  # on a busy machine states may come too far apart for an arm at rest
+        # on a busy machine states may come too far apart for an arm at rest, or not be met yet
+        passing = 'has not stood still', 'no joint states'
+        for _ in range(20):
             answer = self.answer(self.teach_service.call_async(request))
-            if 'has not stood still' not in answer.message:
+            if not any(said in answer.message for said in passing):
                 break
             self.until(functools.partial(self._later_than, self.perfect.before[0] + 4e8))
         return answer
@@ -192,11 +194,18 @@ def test_cancel_stops_the_arm_and_closes_the_bag_and_a_second_goal_is_refused(
     assert len(read_measurement(tmp_path / 'bag').poses) == result.taken >= 5
     assert len(client.feedback) >= 2
     assert not (tmp_path / 'other').exists()
-    since = client.perfect.before[0]
-    client.until(lambda: client.perfect.before[0] - since > 1e9)
+    # of 200 poses it had taken a few: what it still did would be seen for ten seconds and more
     since, here = client.perfect.before
-    client.until(lambda: client.perfect.before[0] - since > 1e9)
-    assert np.array_equal(client.perfect.before[1], here)
+
+    def stood():
+        nonlocal since, here
+        stamp, joints = client.perfect.before
+        if not np.array_equal(joints, here):
+            since, here = stamp, joints
+        return stamp - since > 5e9  # longer than it rests for a pose
+
+    client.until(stood, seconds=15.0)
+    assert result.taken < 100
 
 
 def test_a_taught_location_is_where_the_next_run_measures(
