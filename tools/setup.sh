@@ -44,6 +44,11 @@ install_wheels() {
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-compile \
     --use-pep517 --only-binary :all: --no-binary empy \
     -r "$list"
+  # Where Python may write none by itself, every process would compile what it imports anew.
+  if [ -n "${PYTHONDONTWRITEBYTECODE:-}" ]; then
+    .venv/bin/python -m compileall -qq -j 0 -x '/(tests?|testing|pip|setuptools)/' \
+      .venv/lib/python*/site-packages || true # templates that are no modules
+  fi
   echo "$want" >".venv/$list"
 }
 
@@ -65,6 +70,7 @@ build_workspace() {
     up_to_date "ros2_ws/install/$package/.built" "$(sources "$folder" | stamp)" ||
       changed+=("$package")
   done
+  [ -n "${PYTHONDONTWRITEBYTECODE:-}" ] && .venv/bin/python -m compileall -qq -j 0 ros2_ws/src
   [ ${#changed[@]} = 0 ] && return
   echo "set-up: build of ${changed[*]}"
   PATH="$root/.venv/bin:$PATH" AMENT_PREFIX_PATH="$root/.venv" CMAKE_PREFIX_PATH="$root/.venv" \
