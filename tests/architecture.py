@@ -35,11 +35,12 @@ BELOW = {
 #: the rooms of each package: a room imports only what stands after it
 ORDER = {
     'calib_model': 'nodes commands labelling pairing bags urdf descriptions kinematics measurement '
-    'instruments files topics progress command_line bounds stamps transforms arrays errors lazy',
+    'instruments files topics progress command_line bounds stamps transforms arrays errors lazy '
+    'blas_threads',
     'selfcenter_probe': 'nodes commands operator simulation sensing',
     'calib_capture': 'nodes commands replaying recording program motion default_files',
     'calib_solver': 'nodes commands calibration report results resampling held_out identification '
-    'faults error_models compensation fitting quality problem',
+    'preparation faults error_models compensation fitting quality problem',
     'calib_bringup': 'demo launching showing variants processes domains',
 }
 #: loose modules that every room may use; drawn, they would hide the rest
@@ -53,6 +54,7 @@ BASE = {
     'arrays',
     'errors',
     'lazy',
+    'blas_threads',
 }
 #: a room's modules that others use under the module's name, as `cdr.decode`
 HANDED_ON_WHOLE = {'calib_model.bags.cdr'}

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import io
 import math
 import os
@@ -15,6 +16,8 @@ from calib_model.errors import CalibrationError
 
 BAD_INPUT = 2
 INTERRUPTED = 130
+#: objects more than were given back, after which Python looks for garbage
+GARBAGE = 100_000
 
 
 class UsageError(CalibrationError):
@@ -95,6 +98,8 @@ def run_command(work: Callable[[], int | None]) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         # names of files need not be text in the encoding of the terminal
         sys.stdout.reconfigure(errors='backslashreplace')
+    # a command needs what it makes to its end: looking for garbage takes a tenth of a short one
+    gc.set_threshold(GARBAGE, *gc.get_threshold()[1:])
     try:
         try:
             code = work()

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from calib_model.arrays import Array
-from calib_model.errors import DataError
+from calib_model.blas_threads import one_blas_thread
 from calib_model.instruments import Arm, Probe
 from calib_model.kinematics import (
     DEFAULT_SIGMA,
@@ -20,8 +20,6 @@ from calib_model.measurement import Measurement
 from calib_solver.error_models import (
     CorrectionChoice,
     JointErrorChoice,
-    checked_choice,
-    checked_kinds,
     choose_joint_errors,
     fit_correction,
     table_with,
@@ -34,16 +32,10 @@ from calib_solver.faults import (
     named_scale,
     parameter_warnings,
     pose_warnings,
-    refuse_other_units,
-    set_apart,
-    stuck_stretches,
-    without_gross_errors,
 )
 from calib_solver.fitting import (
     LEADING,
-    LOSSES,
     Accumulate,
-    Descent,
     Fit,
     Observability,
     Options,
@@ -58,8 +50,8 @@ from calib_solver.fitting import (
     objective,
     observe,
     over_workspace,
-    try_probe_fit,
 )
+from calib_solver.preparation import Prepared, checked_options, prepare
 from calib_solver.problem import Problem, SphereSums, accumulate
 from calib_solver.quality import Quality, assess
 
@@ -120,20 +112,6 @@ class Identification:
 
 
 @dataclass(frozen=True)
-class _Prepared:
-    """Poses to solve for, without the `rejected`, where to start, and what there is to say."""
-
-    problem: Problem
-    initial: Quality
-    solver: Solver
-    descent: Descent
-    rejected: tuple[Rejected, ...]
-    mount: ProbeFit | None
-    warnings: tuple[str, ...]
-    stuck_throughout: bool
-
-
-@dataclass(frozen=True)
 class _Solved:
     """The fit and the sums there, by which solver, and what was chosen for it."""
 
@@ -144,6 +122,7 @@ class _Solved:
     joint_errors: JointErrorChoice | None
 
 
+@one_blas_thread
 def identify(
     measured: Measurement, options: Options | None = None, passes: Accumulate = accumulate
 ) -> Identification:
@@ -158,10 +137,10 @@ def identify(
         FitError: the fit is worse than its start.
     """
     begun = time.perf_counter()
-    options = _checked(options or Options())
+    options = checked_options(options or Options())
     table = identifiable_table(measured.arm, measured.probe, options.fix, options.free)
     solver = Solver(table, options, passes)
-    prepared = _prepared(measured, solver)
+    prepared = prepare(measured, solver)
     solved = _solved(prepared)
     done = _judged(prepared, solved)
     done = replace(done, warnings=_warnings(measured, table, prepared, solved, done))
@@ -170,48 +149,7 @@ def identify(
     return replace(done, seconds=time.perf_counter() - begun)
 
 
-def _checked(options: Options) -> Options:
-    """The options, if there are such."""
-    checked_choice(options.correction)
-    checked_kinds(options.joint_errors, options.links)
-    if options.loss not in LOSSES:
-        raise DataError(f'no loss {options.loss!r}: expected one of {", ".join(LOSSES)}')
-    return options
-
-
-def _prepared(measured: Measurement, solver: Solver) -> _Prepared:
-    """Gross errors left out where the loss is to reject them, and the descent led to the rest.
-
-    Eq. 11 looks at distances and poses alike: whatever the objective, it judges the poses.
-    """
-    problem = Problem.of(measured)
-    solver.refuse_too_little(problem)
-    initial = assess(problem, measured.arm, measured.probe)
-    refuse_other_units(problem, initial.spheres.center)
-    stretches = stuck_stretches(measured)
-    stuck_throughout = bool(stretches) and not set_apart(problem, stretches).any()
-    mount = try_probe_fit(problem)
-    leader = solver
-    if solver.options.objective != LEADING:
-        leader = replace(solver, options=replace(solver.options, objective=LEADING))
-    descent = leader.start(problem, mount)
-    rejected: tuple[Rejected, ...] = ()
-    if solver.options.loss == 'rejecting':
-        cleaned = without_gross_errors(problem, stretches, leader, descent)
-        descent, rejected = cleaned.descent, cleaned.rejected
-        warnings = cleaned.warnings
-        if cleaned.problem is not problem:
-            problem = cleaned.problem
-            solver.refuse_too_little(problem)
-            initial = assess(problem, measured.arm, measured.probe)
-    else:
-        warnings = tuple(one.line(len(measured.poses)) for one in stretches)
-    if leader is not solver:
-        solver, descent = solver.behind(leader, problem, descent)
-    return _Prepared(problem, initial, solver, descent, rejected, mount, warnings, stuck_throughout)
-
-
-def _solved(prepared: _Prepared) -> _Solved:
+def _solved(prepared: Prepared) -> _Solved:
     """The minimum, with the widths and the joint errors that were left to be found."""
     problem = prepared.problem
     fit, descent = prepared.solver.solve(problem, prepared.descent)
@@ -229,7 +167,7 @@ def _solved(prepared: _Prepared) -> _Solved:
     return _Solved(solver, fit, sums, descent.least_noise, errors)
 
 
-def _judged(prepared: _Prepared, solved: _Solved) -> Identification:
+def _judged(prepared: Prepared, solved: _Solved) -> Identification:
     """The parameters with all that is said of them, but for the warnings of the result itself."""
     problem, solver, fit = prepared.problem, solved.solver, solved.fit
     table, options, measured = solver.table, solver.options, prepared.problem.measured
@@ -272,7 +210,7 @@ def _judged(prepared: _Prepared, solved: _Solved) -> Identification:
 def _warnings(
     measured: Measurement,
     table: ParameterTable,
-    prepared: _Prepared,
+    prepared: Prepared,
     solved: _Solved,
     done: Identification,
 ) -> tuple[str, ...]:
@@ -290,8 +228,14 @@ def _warnings(
         )
     solver = solved.solver
     held = done.fit.kappa * solver.information
+    # poses that lie apart let distances look like anything but one sphere out of its place
     of_certificate = certificate_warnings(
-        done.problem, solved.sums, held, done.uncertainty.misfit, done.uncertainty.noise**2
+        done.problem,
+        solved.sums,
+        held,
+        done.uncertainty.misfit,
+        done.uncertainty.noise**2,
+        apart=bool(of_poses),
     )
     of_distances = distance_warnings(
         done.options.objective,
@@ -301,7 +245,7 @@ def _warnings(
         done.uncertainty.standard,
     )
     of_result = named_numbers(done.problem, done.initial.spheres.center) or (
-        (() if of_poses else of_certificate)
+        of_certificate
         + named_scale(done.table, done.full, solver.scale)
         + parameter_warnings(done.table, done.full, solver.scale, done.uncertainty.standard)
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import re
+from functools import lru_cache
 from pathlib import Path
 from typing import IO, Any
 
@@ -91,12 +92,18 @@ def _information(folder: Path) -> dict[str, Any]:
     if not metadata.is_file():
         return {}
     try:
-        text = file_content(metadata).decode('utf-8')
-        return dict(load_plain(text, NO_METADATA)['rosbag2_bagfile_information'])
+        return _parsed(file_content(metadata).decode('utf-8'))
     except DescriptionError as error:
         raise BagError(f'{metadata}: {error}') from error
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise BagError(f'{metadata}: {NO_METADATA}') from error
+
+
+@lru_cache(maxsize=8)
+def _parsed(text: str) -> dict[str, Any]:
+    """The content of a metadata.yaml, which a command asks for several times and a parser in
+    Python is slow at."""
+    return dict(load_plain(text, NO_METADATA)['rosbag2_bagfile_information'])
 
 
 def listed_topics(path: str | Path) -> dict[str, str]:

@@ -65,12 +65,14 @@ class PoseMessages:
         Raises:
             BagError: it is no pose, or more than is taken.
         """
-        _check_type(self._path, message, CAPTURE_POSES.type)
-        self._size += len(message.data)
-        if len(message.data) > LARGEST_POSE or self._size > LARGEST_SET:
+        if message.type != CAPTURE_POSES.type:
+            _check_type(self._path, message, CAPTURE_POSES.type)
+        size = len(message.data)
+        self._size += size
+        if size > LARGEST_POSE or self._size > LARGEST_SET:
             raise BagError(
                 f'{self._path}: {CAPTURE_POSES.name}, message {len(self._messages) + 1} has '
-                f'{len(message.data)} bytes, {self._size} with those before: more than is taken'
+                f'{size} bytes, {self._size} with those before: more than is taken'
             )
         self._messages.append(message.data)
 

@@ -7,7 +7,7 @@ import struct
 from collections.abc import Callable, Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import NamedTuple
+from typing import IO, Any, NamedTuple
 
 import zstandard
 from mcap.data_stream import ReadDataStream
@@ -125,8 +125,7 @@ def read_notes(path: str | Path, names: Sequence[str]) -> dict[str, dict[str, st
             if is_sqlite(file):
                 continue
             with open_unpacked(file) as stream:
-                reader = StreamReader(stream, emit_chunks=True, record_size_limit=LARGEST_RECORD)
-                for record in reader.records:
+                for record in RecordReader(stream).records:
                     if isinstance(record, Metadata) and record.name in found:
                         found[record.name] = dict(record.metadata)
         except OSError as error:
@@ -136,6 +135,21 @@ def read_notes(path: str | Path, names: Sequence[str]) -> dict[str, dict[str, st
     return found
 
 
+class RecordReader(StreamReader):
+    """The library's reader, chunks whole, that passes the indexes by: a third of the time goes into
+    their entries, and the messages are read in order."""
+
+    def __init__(self, stream: IO[bytes], validate_crcs: bool = False) -> None:
+        super().__init__(
+            stream, emit_chunks=True, validate_crcs=validate_crcs, record_size_limit=LARGEST_RECORD
+        )
+
+    def _read_record(self, opcode: int, length: int) -> Any:
+        if opcode == Opcode.MESSAGE_INDEX:
+            return None  # what is not read here is passed over, with its part of the checksum
+        return super()._read_record(opcode, length)
+
+
 def _read_file(
     file: Path, topics: set[str] | None, cut_allowed: bool, told: Callable[[int], None]
 ) -> Iterator[BagMessage]:
@@ -143,10 +157,7 @@ def _read_file(
     finished = False
     try:
         with file.open('rb') as packed, open_unpacked(file, packed) as stream:
-            reader = StreamReader(
-                stream, emit_chunks=True, validate_crcs=True, record_size_limit=LARGEST_RECORD
-            )
-            for record in reader.records:
+            for record in RecordReader(stream, validate_crcs=True).records:
                 if isinstance(record, Chunk):
                     yield from known.messages_of(record)
                     told(packed.tell())

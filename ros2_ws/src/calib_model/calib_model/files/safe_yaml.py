@@ -10,6 +10,7 @@ import yaml
 from calib_model.errors import DescriptionError
 
 LARGEST_TEXT = 200_000  # characters; PyYAML takes seconds for that many
+DEEPEST = 1000  # levels that the loader in C may go down: some hundred kilobytes of its stack
 LONGEST_VALUE = 10_000  # characters: some are numbers, and cost the square of it
 
 
@@ -24,7 +25,7 @@ def load_plain(text: str, source: str) -> Any:
         raise DescriptionError(source, '', f'larger than {LARGEST_TEXT} characters')
     try:
         _refuse_aliases_and_tags(text, source)
-        return yaml.load(text, _Loader)  # a SafeLoader
+        return _load(text)
     except yaml.YAMLError as error:
         mark = getattr(error, 'problem_mark', None)
         where = f'line {mark.line + 1}' if mark is not None else ''
@@ -45,6 +46,17 @@ def _refuse_aliases_and_tags(text: str, source: str) -> None:
             raise DescriptionError(source, where, f'YAML {kind} are not supported here')
 
 
+def _shallow(text: str) -> bool:
+    """Whether a text cannot be nested deeper than DEEPEST: the loader in C has no other guard of
+    the stack. Brackets within strings count too, and cost but time."""
+    in_flow, in_blocks = text.count('[') + text.count('{'), 0
+    for line in text.splitlines():
+        content = line.lstrip(' ')
+        compact = content.count('- ') + content.count('? ') + content.count(': ')
+        in_blocks = max(in_blocks, len(line) - len(content) + compact)
+    return in_flow + in_blocks < DEEPEST
+
+
 class _Loader(yaml.SafeLoader):
     """YAML proper: of a key that is there twice, PyYAML takes the last without a word."""
 
@@ -63,3 +75,13 @@ class _Loader(yaml.SafeLoader):
                 raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
             seen.add(name)
         return super().construct_mapping(node, deep)
+
+
+def _load(text: str) -> Any:
+    """The text parsed in C where PyYAML has that, ten times as fast, and where its nesting leaves
+    the stack alone; what becomes of the nodes is `_Loader`'s in either case."""
+    if not _shallow(text) or not yaml.__with_libyaml__:
+        return yaml.load(text, _Loader)
+    node = yaml.compose(text, yaml.CSafeLoader)
+    loader = _Loader('')
+    return None if node is None else loader.construct_document(node)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from difflib import get_close_matches
 from typing import Any
 from unicodedata import category
 
@@ -39,6 +38,10 @@ class Fields:
             raise DescriptionError(source, where, f'expected a mapping, got {_kind(content)}')
         self.content = content
         for key in content:
+            if key in keys:
+                continue
+            from difflib import get_close_matches
+
             # an unknown key is let pass (a comment, a newer field), a misspelt one is not
             close = get_close_matches(str(key), keys, n=1, cutoff=0.8)
             if key not in keys and close:

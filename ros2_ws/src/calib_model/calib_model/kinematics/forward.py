@@ -14,6 +14,8 @@ import numpy as np
 from calib_model.arrays import Array
 from calib_model.instruments import JOINT_PARAMETERS, Arm
 
+BLOCK = 2048  # poses at a time: what is in between stays in cache
+
 
 @dataclass(frozen=True)
 class JointFrame:
@@ -33,22 +35,23 @@ class JointFrame:
 def joint_frames(arm: Arm, q: Array) -> Iterator[JointFrame]:
     """The frames of eq. 2, joint by joint from the base, for postures q (N, n) in rad."""
     q = arm.check_joints(q)
-    count = len(q)
-    rotation = np.broadcast_to(arm.base_T_dh.rotation, (count, 3, 3))
-    origin = np.tile(arm.base_T_dh.translation, (count, 1))
+    # (3, N), so that what is done to all poses at once lies side by side
+    x_before, y_before, z_before = (
+        np.repeat(axis[:, None], len(q), axis=1) for axis in arm.base_T_dh.rotation.T
+    )
+    origin = np.repeat(arm.base_T_dh.translation[:, None], len(q), axis=1)
     for i, (a, alpha, d, theta_0, beta) in enumerate(arm.geometry.T):
         theta = arm.direction[i] * q[:, i] - theta_0
-        cosine, sine = np.cos(theta)[:, None], np.sin(theta)[:, None]
-        x_before, y_before, z_before = rotation[:, :, 0], rotation[:, :, 1], rotation[:, :, 2]
+        cosine, sine = np.cos(theta), np.sin(theta)
         x = cosine * x_before + sine * y_before
         y_turned = cosine * y_before - sine * x_before
         y = np.cos(alpha) * y_turned + np.sin(alpha) * z_before
         z = np.cos(alpha) * z_before - np.sin(alpha) * y_turned
         axes = (np.cos(beta) * x - np.sin(beta) * z, y, np.sin(beta) * x + np.cos(beta) * z)
-        origin_after = origin + d * z_before + a * x
-        rotation_after = np.stack(axes, axis=-1)
-        yield JointFrame(origin, z_before, x, rotation_after, origin_after)
-        rotation, origin = rotation_after, origin_after
+        after = origin + d * z_before + a * x
+        rotation = np.stack(axes).transpose(2, 1, 0)
+        yield JointFrame(origin.T, z_before.T, x.T, rotation, after.T)
+        (x_before, y_before, z_before), origin = axes, after
 
 
 def forward_kinematics(arm: Arm, q: Array) -> Array:
@@ -57,11 +60,18 @@ def forward_kinematics(arm: Arm, q: Array) -> Array:
     Raises:
         DataError: `q` has not the arm's number of joints.
     """
-    *_, last = joint_frames(arm, q)
-    matrices = np.zeros((len(last.origin), 4, 4))
-    matrices[:, :3, :3] = last.rotation @ arm.dh_T_flange.rotation
-    matrices[:, :3, 3] = last.origin + last.rotation @ arm.dh_T_flange.translation
+    q = arm.check_joints(q)
+    matrices = np.zeros((len(q), 4, 4))
     matrices[:, 3, 3] = 1.0
+    flange = arm.dh_T_flange
+    for first in range(0, len(q), BLOCK):
+        block = slice(first, first + BLOCK)
+        *_, last = joint_frames(arm, q[block])
+        if flange.is_identity:
+            matrices[block, :3, :3], matrices[block, :3, 3] = last.rotation, last.origin
+        else:
+            matrices[block, :3, :3] = last.rotation @ flange.rotation
+            matrices[block, :3, 3] = last.origin + last.rotation @ flange.translation
     return matrices
 
 

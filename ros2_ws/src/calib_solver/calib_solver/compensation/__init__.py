@@ -6,16 +6,18 @@ from typing import TYPE_CHECKING
 from calib_model.lazy import lazily
 
 if TYPE_CHECKING:
+    from calib_solver.compensation.calibrated_arm import (
+        Calibrated as Calibrated,
+        read_calibrated as read_calibrated,
+        tip as tip,
+    )
     from calib_solver.compensation.inverse_kinematics import (
         Targets as Targets,
     )
     from calib_solver.compensation.joint_commands import (
-        Calibrated as Calibrated,
         Compensated as Compensated,
         compensate_joints as compensate_joints,
         compensate_targets as compensate_targets,
-        read_calibrated as read_calibrated,
-        tip as tip,
     )
     from calib_solver.compensation.kuka import (
         ControllerFigures as ControllerFigures,

@@ -10,7 +10,7 @@ import numpy as np
 from calib_model.arrays import Array
 from calib_model.errors import DataError
 from calib_model.instruments import Arm, ControllerAxis
-from calib_solver.compensation.joint_commands import Calibrated
+from calib_solver.compensation.calibrated_arm import Calibrated
 
 
 @dataclass(frozen=True)

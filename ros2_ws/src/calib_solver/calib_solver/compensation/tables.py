@@ -14,13 +14,12 @@ from calib_model.command_line import UsageError
 from calib_model.errors import CalibrationError, DataError
 from calib_model.files import write_whole
 from calib_model.transforms import RigidTransform, rotation_matrix
+from calib_solver.compensation.calibrated_arm import Calibrated, read_calibrated
 from calib_solver.compensation.inverse_kinematics import Targets
 from calib_solver.compensation.joint_commands import (
-    Calibrated,
     Compensated,
     compensate_joints,
     compensate_targets,
-    read_calibrated,
 )
 from calib_solver.compensation.path import path_notes
 from calib_solver.compensation.target_table import FARTHEST, TargetTable, joints_csv, read_targets

@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from calib_model.arrays import Array
+from calib_model.arrays import Array, median
 from calib_model.errors import DataError
 from calib_model.kinematics import LENGTHS, ParameterTable
 from calib_solver.fitting import distance_errors, distance_repeatability
@@ -50,7 +50,7 @@ def refuse_other_units(problem: Problem, center: Array) -> None:
     """
     if len(problem.pairs) == 0:
         return
-    ratio = float(np.median(_distances(problem, center) / problem.nominal))
+    ratio = float(median(_distances(problem, center) / problem.nominal))
     if 500 < ratio < 2000 or 0.0005 < ratio < 0.002:
         raise DataError(
             f'{problem.measured.source}: distances between spheres come out {ratio:.4g} times the '
@@ -60,22 +60,31 @@ def refuse_other_units(problem: Problem, center: Array) -> None:
 
 
 def certificate_warnings(
-    problem: Problem, sums: SphereSums, held: Array, misfit: float, noise: float
+    problem: Problem,
+    sums: SphereSums,
+    held: Array,
+    misfit: float,
+    noise: float,
+    apart: bool = False,
 ) -> tuple[str, ...]:
     """A line where the distances do not come out as certified, and whose spheres' fault it is.
 
     `sums` at the identified parameters, `held` (F,) what the prior adds to eq. 11's J'J; `misfit`
     is how many times larger the errors are than the poses' noise and the certificate make them,
-    and `noise` (m^2) a pose's variance.
+    and `noise` (m^2) a pose's variance. Where the poses of a sphere lie `apart` anyhow, nothing but
+    a single sphere out of its place is named.
     """
     error, slope = distance_errors(problem, sums)
     size = _rms(error) if len(error) else 0.0
     times = size / _expected(problem, noise) if len(error) else 0.0
     if misfit >= MISFIT:
         # where all is far off it is another gauge, not several of its spheres
-        named = _named_spheres(problem, sums, held, (error, slope), 1 if size >= BEYOND else None)
+        most = 1 if apart or size >= BEYOND else None
+        named = _named_spheres(problem, sums, held, (error, slope), most)
         if named:
             return named
+    if apart:
+        return ()
     if size >= BEYOND:
         return (
             f'distances between spheres still differ by {size * 1e3:.3f} mm (rms) from the '

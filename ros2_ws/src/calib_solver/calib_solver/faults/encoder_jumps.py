@@ -11,7 +11,7 @@ import numpy as np
 from calib_model.arrays import Array
 from calib_model.kinematics import ParameterTable, point_derivatives
 from calib_model.measurement import Measurement, ProbingSet
-from calib_solver.faults.residual_projection import ResidualProjection
+from calib_solver.faults.residual_projection import TOLD, ResidualProjection
 from calib_solver.problem import IntArray, Problem
 
 #: a jump back has to explain so much of what a jump for good leaves
@@ -54,11 +54,11 @@ def likely_jumps(
 ) -> list[Jump]:
     """The best jump of every joint, or of some `joints`, at some of the `moments` (K,), places in
     the measurement."""
-    by_joint = _by_joint(residuals)
-    after = (residuals.when[:, None] >= moments).astype(float)
+    chosen = list(range(residuals.arm.n) if joints is None else joints)
+    found = residuals.products_from(_by_joint(residuals)[:, :, chosen], moments)
     return [
-        _best(residuals, joint, by_joint[:, :, joint, None] * after[:, None, :], moments)
-        for joint in (range(residuals.arm.n) if joints is None else joints)
+        _best(residuals, joint, products, moments)
+        for joint, products in zip(chosen, found, strict=True)
     ]
 
 
@@ -68,10 +68,15 @@ def _by_joint(residuals: ResidualProjection) -> Array:
     return point_derivatives(residuals.arm, residuals.joints, p_flange).joints
 
 
-def _best(residuals: ResidualProjection, joint: int, by_jump: Array, moments: IntArray) -> Jump:
-    columns, told = residuals.columns(by_jump)
-    fits, among = columns.T @ residuals.left, columns.T @ columns
+def _best(
+    residuals: ResidualProjection,
+    joint: int,
+    products: tuple[Array, Array, Array],
+    moments: IntArray,
+) -> Jump:
+    fits, among, whole = products
     square = np.diag(among).copy()
+    told = square > TOLD * whole
     gain = np.where(told, fits**2 / np.where(told, square, 1.0), 0.0)
     best = int(np.argmax(gain))
     for_good = float(residuals.share(gain[best]))
@@ -84,8 +89,7 @@ def _best(residuals: ResidualProjection, joint: int, by_jump: Array, moments: In
     )
     # there at one moment and back at another: the difference of two columns
     apart = square[:, None] + square - 2 * among
-    whole = np.maximum(square[:, None], square)
-    both = np.triu(apart > 1e-9 * np.where(whole > 0, whole, 1.0), 1).astype(bool)
+    both = np.triu(apart > TOLD * np.maximum(whole[:, None], whole), 1).astype(bool)
     twice = np.where(both, (fits[:, None] - fits) ** 2 / np.where(both, apart, 1.0), 0.0)
     a, b = np.unravel_index(int(np.argmax(twice)), twice.shape)
     for_a_while = float(residuals.share(twice[a, b]))

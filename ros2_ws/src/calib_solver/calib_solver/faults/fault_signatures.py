@@ -26,6 +26,8 @@ POSES, MOMENTS = 1000, 60
 SHARE = 0.5
 #: too few poses let anything explain everything
 FEWEST = 100
+#: m, below which residuals are rounding, and no fault's
+ROUNDING = 1e-12
 STEP = 1e-7  # m, for the derivative by a reading or a diameter
 
 
@@ -48,6 +50,8 @@ def named_signatures(
     if len(rows) < FEWEST:
         return ()
     residuals = ResidualProjection(problem, table, arm, probe, rows)
+    if np.abs(residuals.left).max() < ROUNDING:
+        return ()
     best = max(_signatures(residuals, pose_of), key=lambda one: one.share)
     if best.share < SHARE:
         return ()

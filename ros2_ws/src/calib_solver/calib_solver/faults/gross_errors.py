@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.arrays import Array
+from calib_model.arrays import Array, median
 from calib_solver.faults.stuck_styli import Stretch, set_apart
 from calib_solver.fitting import Descent, Solver
 from calib_solver.problem import IntArray, Problem
@@ -77,7 +77,8 @@ def without_gross_errors(
     measured = problem.measured
     stretch = set_apart(problem, stretches)
     kept: Mask = stretch == 0
-    moved = _moved_spheres(problem, probed_points(problem, measured.arm, measured.probe), kept)
+    points = probed_points(problem, measured.arm, measured.probe)
+    moved = _moved_spheres(problem, *_judged_distances(problem, points, kept))
     current = _weighted(problem, moved, kept.astype(float))
     bent = not kept.all() or bool(moved)
     for round_number in range(ROUNDS):
@@ -85,12 +86,15 @@ def without_gross_errors(
         arm, probe = solver.arm_and_probe(current, descent)
         points = probed_points(problem, arm, probe)
         there = points if not moved else probed_points(current, arm, probe)
-        away, usual = _deviations(problem, points, kept, stretch == 0)
+        centers = _centers(problem, points, kept)
+        away, usual = _deviations(problem, points, centers, stretch == 0)
         now_kept = _without_stuck(away / np.maximum(usual, LEAST_SIZE / FAR), stretch)
-        now_moved = _moved_spheres(problem, points, now_kept)
+        error, allowed = _judged_distances(problem, points, now_kept)
+        now_moved = _moved_spheres(problem, error, allowed)
         settled = np.array_equal(now_kept, kept) and now_moved == moved
+        if moved:
+            error, allowed = _judged_distances(current, there, now_kept)
         kept, moved = now_kept, now_moved
-        error, allowed = _judged_distances(current, there, kept)
         bent = bent or not kept.all() or bool((error > allowed).any())
         # at first by weight, so that nothing is lost to a fit that the bad ones have bent
         soft = bent and round_number < SOFT_ROUNDS
@@ -103,7 +107,7 @@ def without_gross_errors(
         if soft:
             there = points if not moved else probed_points(current, arm, probe)
             error, allowed = _judged_distances(current, there, kept)
-            softened = _soft(error, np.maximum(np.median(error), allowed / FAR))
+            softened = _soft(error, np.maximum(median(error), allowed / FAR))
             current = replace(current, pair_weight=_read_only(softened))
     stuck = _stuck_lines(stretches, stretch, kept)
     if kept.all() and not moved:
@@ -127,7 +131,7 @@ def _without_stuck(times: Array, stretch: IntArray) -> Mask:
     judged = times <= FAR
     for number in range(1, int(stretch.max(initial=0)) + 1):
         own = stretch == number
-        if np.median(times[own]) > AWAY or judged[own].mean() < 0.5:
+        if median(times[own]) > AWAY or judged[own].mean() < 0.5:
             judged[own] = False
     return judged
 
@@ -163,52 +167,49 @@ def _centers(problem: Problem, points: Array, kept: Mask) -> Array:
     for s in range(len(problem.keys)):
         rows = problem.rows(s)
         own = points[rows][kept[rows]]
-        centers[s] = np.median(own if len(own) else points[rows], axis=0)
+        centers[s] = median(own if len(own) else points[rows])
     return centers
 
 
-def _deviations(problem: Problem, points: Array, kept: Mask, judging: Mask) -> tuple[Array, Array]:
-    """The distance of each pose's point (N, 3) from its sphere's centre and what is usual there,
-    both (N,), m.
+def _deviations(
+    problem: Problem, points: Array, centers: Array, judging: Mask
+) -> tuple[Array, Array]:
+    """The distance of each pose's point (N, 3) from its sphere's centre (S, 3) and what is usual
+    there, both (N,), m.
 
     Usual is the median of the `judging` poses, of all or of the sphere's own where that is larger,
     within reason: postures differ in how far they carry the joints' errors.
     """
-    centers = np.repeat(_centers(problem, points, kept), problem.counts, axis=0)
-    away = np.linalg.norm(points - centers, axis=1)
+    away = np.linalg.norm(points - np.repeat(centers, problem.counts, axis=0), axis=1)
     several = np.repeat(problem.counts > 2, problem.counts) & judging
-    of_all = float(np.median(away[several if several.any() else judging]))
+    of_all = float(median(away[several if several.any() else judging]))
     usual = np.empty(len(away))
     for s in range(len(problem.keys)):
         rows = problem.rows(s)
         own = away[rows][judging[rows]]
-        usual[rows] = np.clip(np.median(own) if len(own) else of_all, of_all, UNEVEN * of_all)
+        usual[rows] = np.clip(median(own) if len(own) else of_all, of_all, UNEVEN * of_all)
     return away, usual
-
-
-def _distance_errors(problem: Problem, points: Array, kept: Mask) -> Array:
-    centers = _centers(problem, points, kept)
-    first, second = problem.pairs.T
-    return np.linalg.norm(centers[first] - centers[second], axis=1) - problem.nominal
 
 
 def _judged_distances(problem: Problem, points: Array, kept: Mask) -> tuple[Array, Array]:
     """The size of each distance error (M,) and what certificate and poses allow it, m."""
-    error = np.abs(_distance_errors(problem, points, kept))
+    centers = _centers(problem, points, kept)
+    first, second = problem.pairs.T
+    error = np.abs(np.linalg.norm(centers[first] - centers[second], axis=1) - problem.nominal)
     gauge = problem.measured.gauge
     certificate = np.array([gauge.distance_uncertainty(length) for length in problem.nominal])
-    _, pose = _deviations(problem, points, kept, np.ones_like(kept))
+    _, pose = _deviations(problem, points, centers, np.ones_like(kept))
     of_center = pose[problem.start[:-1]] / np.sqrt(problem.counts)
     of_poses = np.linalg.norm(of_center[problem.pairs], axis=1)
     return error, FAR * (certificate + of_poses) + LEAST_SIZE
 
 
-def _moved_spheres(problem: Problem, points: Array, kept: Mask) -> Moved:
-    """Spheres whose distances to the others of their location do not hold, by new placement."""
+def _moved_spheres(problem: Problem, error: Array, allowed: Array) -> Moved:
+    """Spheres whose distances to the others of their location do not hold, by new placement:
+    each has an `error` (M,) and is `allowed` one (M,), m."""
     if len(problem.pairs) < FEWEST_DISTANCES:
         return {}
-    error, allowed = _judged_distances(problem, points, kept)
-    bad = error > np.maximum(FAR_DISTANCE * np.median(error) + LEAST_SIZE, allowed)
+    bad = error > np.maximum(FAR_DISTANCE * median(error) + LEAST_SIZE, allowed)
     moved: Moved = {}
     for rows in problem.locations:
         here = bad & np.isin(problem.pairs[:, 0], rows)

@@ -17,6 +17,8 @@ from calib_solver.problem import IntArray, Problem
 
 #: residuals of this size (m) pull as much as a parameter that is off by its standard deviation
 USUAL = 1e-3
+#: of what a fault does, the part (of its square) that no parameter does is rounding below this
+TOLD = 1e-9
 
 
 class ResidualProjection:
@@ -52,18 +54,53 @@ class ResidualProjection:
         self._known = known[:, size > 1e-9 * size.max(initial=0.0)]
         self.left = self._unknown(self._by_sphere.centred(p_base))
 
-    def columns(self, by_fault: Array) -> tuple[Array, Array]:
-        """What faults (N, 3, F), m a unit each, do that no parameter can, a column each, and
-        which of them (F,) do anything of that kind."""
-        columns = self._unknown(self._by_sphere.centred(by_fault))
-        told: Array = (columns**2).sum(axis=0) > 1e-12 * (by_fault**2).sum(axis=(0, 1))
-        return columns, told
+    def products(self, by_fault: Array) -> tuple[Array, Array, Array]:
+        """Of what faults (N, 3, F), m a unit each, do that no parameter can: the products with the
+        residuals (F,) and with one another (F, F); and the squares (F,) of all that they do."""
+        columns = self._by_sphere.centred(by_fault)
+        known = self._known[: len(columns)].T @ columns
+        among = columns.T @ columns - known.T @ known
+        whole = np.einsum('nkf,nkf->f', by_fault, by_fault)
+        return columns.T @ self.left[: len(columns)], among, whole
+
+    def products_from(self, fault: Array, moments: IntArray) -> list[tuple[Array, Array, Array]]:
+        """The `products` of each fault (N, 3, J), m a unit, that is there from one of `moments`
+        (K,) on, ascending places in the measurement: columns by moment are sums of fewer and fewer
+        poses, so that running sums tell their products, J times (K,), (K, K), (K,)."""
+        count, faults = len(fault), fault.shape[2]
+        in_time = np.argsort(self.when, kind='stable')
+        first = np.searchsorted(self.when[in_time], moments)
+
+        def later(values: Array) -> Array:
+            """Sums (K, ...) of values (N, ...) over the poses from each moment on."""
+            running = np.cumsum(values[in_time[::-1]], axis=0)[::-1]
+            ended = np.concatenate([running, np.zeros((1, *values.shape[1:]))])
+            sums: Array = ended[first]
+            return sums
+
+        # what is centred has the same product with a column as with the centred column
+        known = self._known[: 3 * count].reshape(count, 3, -1)
+        by_known = later(np.einsum('nkr,nkj->nrj', known, fault))
+        fits = later(np.einsum('nk,nkj->nj', self.left[: 3 * count].reshape(count, 3), fault))
+        square = later(np.einsum('nkj,nkj->nj', fault, fault))
+        mean = self._by_sphere.later_means(fault, self.when, moments)
+        found = []
+        # the poses that two of them share are those of the later
+        both = np.maximum.outer(np.arange(len(moments)), np.arange(len(moments)))
+        for j in range(faults):
+            among = square[both, j]
+            among = (
+                among - mean[:, :, j].T @ mean[:, :, j] - by_known[:, :, j] @ by_known[:, :, j].T
+            )
+            found.append((fits[:, j], among, square[:, j]))
+        return found
 
     def explained(self, by_fault: Array) -> tuple[Array, Array]:
         """The share of the residuals' variance that each fault explains, and its size, (F,)."""
-        columns, told = self.columns(by_fault)
-        square = np.where(told, (columns**2).sum(axis=0), 1.0)
-        size = np.where(told, columns.T @ self.left / square, 0.0)
+        fits, among, whole = self.products(by_fault)
+        told = np.diag(among) > TOLD * whole
+        square = np.where(told, np.diag(among), 1.0)
+        size = np.where(told, fits / square, 0.0)
         return self.share(size**2 * square), size
 
     def share(self, square: Array) -> Array:
@@ -109,3 +146,15 @@ class _BySphere:
         mean = np.add.reduceat(flat, self._start, axis=0) / self._count[:, None]
         flat = flat - np.repeat(mean, self._count, axis=0)
         return flat.reshape(3 * len(values), *values.shape[2:])
+
+    def later_means(self, values: Array, when: IntArray, moments: IntArray) -> Array:
+        """Of values (N, 3, J) each sphere's mean over its poses from each of `moments` (K,) on, the
+        earlier ones taken as zero, times the root of its count: (3 S, K, J)."""
+        found: Array = np.zeros((len(self._start), 3, len(moments), values.shape[2]))
+        for row, (start, count) in enumerate(zip(self._start, self._count, strict=True)):
+            own = start + np.argsort(when[start : start + count], kind='stable')
+            running = np.cumsum(values[own[::-1]], axis=0)[::-1]
+            ended = np.concatenate([running, np.zeros((1, *values.shape[1:]))])
+            later = ended[np.searchsorted(when[own], moments)]
+            found[row] = np.swapaxes(later, 0, 1) / np.sqrt(count)
+        return found.reshape(-1, len(moments), values.shape[2])

@@ -3,19 +3,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from calib_model.arrays import Array
+from calib_model.blas_threads import one_blas_thread
 from calib_model.errors import RankError
 from calib_model.instruments import PassiveProbe
-from calib_model.kinematics import DEFAULT_SIGMA, ParameterTable
-from calib_model.transforms import RigidTransform, left_jacobian, rotation_vector
+from calib_model.kinematics import DEFAULT_SIGMA
+from calib_model.transforms import (
+    RigidTransform,
+    left_jacobian,
+    rotation_matrix,
+    rotation_vector,
+    skew,
+)
 from calib_solver.fitting.levenberg_marquardt import minimise
-from calib_solver.fitting.objectives import Quadratic, distance_errors
-from calib_solver.fitting.probe_mount_linear import LinearFit, solve_linear
-from calib_solver.problem import Problem, SphereSums, accumulate
+from calib_solver.fitting.objectives import Quadratic
+from calib_solver.fitting.probe_mount_linear import (
+    LinearFit,
+    MountSums,
+    mount_sums,
+    solve_linear,
+)
+from calib_solver.problem import Problem
 
 #: a rotation of P less sure than this (rad) is no rotation at all
 LARGEST_ROTATION_UNCERTAINTY = 0.2
@@ -40,6 +52,7 @@ class ProbeFit:
     standard_uncertainty: Array
 
 
+@one_blas_thread
 def fit_probe(problem: Problem, use_distances: bool = True) -> ProbeFit:
     """P from the poses of one or more spheres, each with its own unknown centre.
 
@@ -55,34 +68,30 @@ def fit_probe(problem: Problem, use_distances: bool = True) -> ProbeFit:
             f'{measured.source}: eq. 15 lacks rank: {measured.probe.name} is passive, '
             'its readings do not vary'
         )
-    linear = solve_linear(problem)
-    return _refined(problem, linear, use_distances)
+    sums = mount_sums(problem)
+    linear = solve_linear(problem, sums)
+    return _refined(problem, sums, linear, use_distances)
 
 
-def _refined(problem: Problem, linear: LinearFit, use_distances: bool) -> ProbeFit:
+def _refined(problem: Problem, sums: MountSums, linear: LinearFit, use_distances: bool) -> ProbeFit:
     """The rigid P nearest to all readings: the mount's six parameters freed, the arm held."""
-    measured = problem.measured
-    mount = RigidTransform(linear.mount[:, 3], rotation_vector(linear.rotation))
-    started = replace(measured, probe=measured.probe.mounted(mount))
-    table = ParameterTable.of(started.arm, started.probe)
-    arm_columns = [i for i, name in enumerate(table.names) if not name.startswith('probe_')]
-    table = table.frozen_at(arm_columns, 'the arm is held while P is fitted')
+    start = np.concatenate([linear.mount[:, 3], rotation_vector(linear.rotation)])
 
     def evaluate(x: Array) -> Quadratic:
-        full = table.full(table.nominal[table.free_columns] + x)
-        return _scatter(problem, accumulate(problem, table, full), use_distances)
+        return _scatter(problem, sums, start + x, use_distances)
 
-    scale = np.array([DEFAULT_SIGMA[parameter.kind] for parameter in table.free])
-    fit = minimise(evaluate, np.zeros(6), scale, np.zeros(6))
-    mount = RigidTransform(*np.split(table.full(table.nominal[table.free_columns] + fit.x)[-6:], 2))
+    sigma = DEFAULT_SIGMA['probe_translation'], DEFAULT_SIGMA['probe_rotation']
+    fit = minimise(evaluate, np.zeros(6), np.repeat(sigma, 3), np.zeros(6))
+    mount = RigidTransform(*np.split(start + fit.x, 2))
     residuals = 3 * len(problem.joints)
     rms = float(np.sqrt(fit.quadratic.phi / residuals))
     uncertainty = _uncertainty(fit.quadratic, mount)
     if uncertainty[3:].max() > LARGEST_ROTATION_UNCERTAINTY:
         spread = problem.centers.std(axis=0).max() * 1e6
         raise RankError(
-            f'{measured.source}: eq. 15 lacks rank: the readings vary by only {spread:.3g} um '
-            f'against residuals of {rms * 1e6:.3g} um, which leaves the rotation of P undetermined'
+            f'{problem.measured.source}: eq. 15 lacks rank: the readings vary by only '
+            f'{spread:.3g} um against residuals of {rms * 1e6:.3g} um, which leaves the rotation '
+            'of P undetermined'
         )
     return ProbeFit(
         mount,
@@ -95,23 +104,41 @@ def _refined(problem: Problem, linear: LinearFit, use_distances: bool) -> ProbeF
     )
 
 
-def _scatter(problem: Problem, sums: SphereSums, use_distances: bool) -> Quadratic:
+def _numbers(mount: Array) -> tuple[Array, Array]:
+    """P's twelve numbers row by row and a -1 behind them (13,), and how they change (13, 6) with
+    the translation and rotation vector (6,), m and rad."""
+    rotation, turned = rotation_matrix(mount[3:]), skew(left_jacobian(mount[3:]).T)
+    rows = np.concatenate([rotation, mount[:3, None]], axis=1)
+    slope = np.zeros((3, 4, 6))
+    slope[:, 3, :3] = np.eye(3)
+    slope[:, :3, 3:] = np.moveaxis(turned @ rotation, 0, 2)
+    return np.append(rows, -1.0), np.concatenate([slope.reshape(12, 6), np.zeros((1, 6))])
+
+
+def _scatter(problem: Problem, sums: MountSums, mount: Array, use_distances: bool) -> Quadratic:
     """Squared deviations from each sphere's mean, and of the means from the certificate.
 
     A distance is as good as the two means it is between: weight 1 / (1 / n_j + 1 / n_k) against
     the single poses' 1.
     """
+    numbers, turn = _numbers(mount)
+    residual, slope = sums.triangle @ numbers, sums.triangle @ turn
     total = Quadratic(
-        float(sums.spread.sum()),
-        sums.gradient.sum(axis=0),
-        sums.normal.sum(axis=0),
-        float(3 * (sums.count - 1).sum()),
+        float(residual @ residual),
+        slope.T @ residual,
+        slope.T @ slope,
+        float(3 * (sums.weight - 1).sum()),
     )
     if not use_distances or len(problem.pairs) == 0:
         return total
-    error, slope = distance_errors(problem, sums)
     first, second = problem.pairs.T
-    weight = 1 / (1 / sums.count[first] + 1 / sums.count[second])
+    center, moved = sums.mean @ numbers, sums.mean @ turn
+    between = center[first] - center[second]
+    measured = np.linalg.norm(between, axis=1)
+    unit = between / np.maximum(measured, 1e-300)[:, None]
+    error = measured - problem.nominal
+    slope = np.einsum('mk,mkf->mf', unit, moved[first] - moved[second])
+    weight = 1 / (1 / sums.weight[first] + 1 / sums.weight[second])
     # a location of k spheres has k(k-1)/2 distances, of which its 2k-3 or so are independent
     weight = weight / _redundancy(problem)
     return total + Quadratic(

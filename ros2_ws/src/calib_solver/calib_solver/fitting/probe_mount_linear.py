@@ -52,26 +52,48 @@ def linear_system(T_base_flange: Array, centers: Array) -> tuple[Array, Array]:
     return matrix.reshape(3 * count, -1), -T_base_flange[:, :3, 3].reshape(-1)
 
 
-def solve_linear(problem: Problem) -> LinearFit:
-    """The least-squares solution of eq. 15 over all spheres, each with its own centre.
+@dataclass(frozen=True)
+class MountSums:
+    """All that N poses say of P's twelve numbers p, of S spheres: `triangle` (R, 13) has the sum of
+    squares of A p - b about the spheres' means, |triangle (p, -1)|^2, and a sphere's mean point is
+    `mean` (S, 3, 13) times (p, -1), m; `weight` (S,) is how many poses it has."""
 
-    A sphere's centre takes up the mean of its rows, so it is eliminated by subtracting that mean;
-    what is left is reduced sphere by sphere to a triangle (QR).
+    triangle: Array
+    mean: Array
+    weight: Array
+
+
+def mount_sums(problem: Problem) -> MountSums:
+    """Eqs. 16 and 17 of all poses, each sphere's centre eliminated.
+
+    A centre takes up the mean of its sphere's rows, which is subtracted; what is left is reduced
+    sphere by sphere to a triangle (QR).
+    """
+    spheres, width = len(problem.keys), MOUNT_UNKNOWNS + 1
+    T_base_flange = forward_kinematics(problem.measured.arm, problem.joints)
+    mean, weight = np.zeros((spheres, 3, width)), np.zeros(spheres)
+    triangles = []
+    for sphere in range(spheres):
+        rows = problem.rows(sphere)
+        matrix, right = linear_system(T_base_flange[rows], problem.centers[rows])
+        stacked = np.concatenate([matrix[:, :MOUNT_UNKNOWNS], right[:, None]], axis=1)
+        stacked = stacked.reshape(-1, 3, width)
+        share = problem.weight[rows]
+        weight[sphere] = share.sum()
+        mean[sphere] = np.einsum('n,nkw->kw', share / max(weight[sphere], 1e-300), stacked)
+        centred = (stacked - mean[sphere]) * np.sqrt(share)[:, None, None]
+        triangles.append(np.linalg.qr(centred.reshape(-1, width), mode='r'))
+    return MountSums(np.concatenate(triangles), mean, weight)
+
+
+def solve_linear(problem: Problem, sums: MountSums | None = None) -> LinearFit:
+    """The least-squares solution of eq. 15 over all spheres, each with its own centre.
 
     Raises:
         RankError: the readings or the postures vary too little to tell P.
     """
     source = problem.measured.source
-    triangles = []
-    for sphere in range(len(problem.keys)):
-        rows = problem.rows(sphere)
-        T_base_flange = forward_kinematics(problem.measured.arm, problem.joints[rows])
-        matrix, right = linear_system(T_base_flange, problem.centers[rows])
-        stacked = np.concatenate([matrix[:, :MOUNT_UNKNOWNS], right[:, None]], axis=1)
-        stacked = stacked.reshape(-1, 3, MOUNT_UNKNOWNS + 1)
-        centred = (stacked - stacked.mean(axis=0)).reshape(-1, MOUNT_UNKNOWNS + 1)
-        triangles.append(np.linalg.qr(centred, mode='r'))
-    triangle = np.concatenate(triangles)
+    triangle = (sums or mount_sums(problem)).triangle
     matrix, right = triangle[:, :MOUNT_UNKNOWNS], triangle[:, MOUNT_UNKNOWNS]
     equations = 3 * int((problem.counts - 1).sum())
     if equations < MOUNT_UNKNOWNS:

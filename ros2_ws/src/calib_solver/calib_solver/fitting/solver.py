@@ -17,8 +17,8 @@ from calib_solver.fitting.evidence import Group, groups, minimise_by_evidence, w
 from calib_solver.fitting.levenberg_marquardt import ROUNDING, Fit, minimise
 from calib_solver.fitting.objectives import Objective, Quadratic, objective
 from calib_solver.fitting.options import Options
+from calib_solver.fitting.pose_noise import pose_variance
 from calib_solver.fitting.probe_mount import ProbeFit, fit_probe
-from calib_solver.fitting.uncertainty import pose_variance
 from calib_solver.problem import Problem, SphereSums
 
 #: sums that are kept: at the nominal parameters, and where the last fits began and ended

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.arrays import Array
+from calib_model.arrays import Array, median
 from calib_model.kinematics import ParameterTable
 from calib_model.measurement import ProbingSet
 from calib_solver.problem import Problem, point_jacobian
@@ -41,7 +41,7 @@ def workspace_at(problem: Problem, table: ParameterTable, full: Array, joints: A
     count = len(joints)
     measured = problem.measured
     sphere = measured.gauge.numbers[0]
-    middle = np.median(measured.poses.displacement, axis=0)
+    middle = median(measured.poses.displacement)
     poses = ProbingSet.of([1] * count, [sphere] * count, joints, np.tile(middle, (count, 1)))
     there = Problem.of(type(measured)(measured.arm, measured.probe, measured.gauge, poses))
     points, jacobian = point_jacobian(there, table, full, np.arange(count))

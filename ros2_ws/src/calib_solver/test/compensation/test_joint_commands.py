@@ -39,14 +39,12 @@ from calib_model.transforms import RigidTransform, rotation_vector
 from calib_model.urdf import arm_urdf
 from calib_solver.commands.compensate import main
 from calib_solver.commands.identify import run as run_identify
+from calib_solver.compensation.calibrated_arm import Calibrated, read_calibrated, tip
 from calib_solver.compensation.inverse_kinematics import EXACT, Targets, reach
 from calib_solver.compensation.joint_commands import (
-    Calibrated,
     CompensationError,
     compensate_joints,
     compensate_targets,
-    read_calibrated,
-    tip,
 )
 from calib_solver.compensation.path import path_notes
 from calib_solver.compensation.tables import rows_of, with_tool

@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The median that does not look for what is not there."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from calib_model.arrays import median
+
+FINITE = st.floats(-1e6, 1e6)
+
+
+@given(
+    st.integers(1, 12).flatmap(
+        lambda n: st.one_of(
+            arrays(np.float64, n, elements=FINITE), arrays(np.float64, (n, 3), elements=FINITE)
+        )
+    )
+)
+def test_it_is_numpys(values):
+    assert np.array_equal(median(values), np.median(values, axis=0))
+
+
+def test_of_nothing_there_is_none():
+    assert np.isnan(median(np.zeros(0)))
+    assert np.isnan(median(np.zeros((0, 3)))).all()
