@@ -2,8 +2,7 @@
 """The median that does not look for what is not there."""
 
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 from calib_model.arrays import median

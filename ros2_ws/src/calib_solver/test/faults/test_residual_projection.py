@@ -26,6 +26,7 @@ def test_faults_from_a_moment_on_have_the_products_of_their_columns(probe, held)
     for joint, found in enumerate(residuals.products_from(moved, moments)):
         columns = moved[:, :, joint, None] * there[:, None, :]
         fits, among, whole = residuals.products(columns)
-        assert found[0] == pytest.approx(fits, abs=1e-9 * np.abs(fits).max())
+        size = np.sqrt(whole.max()) * np.linalg.norm(residuals.left)
+        assert found[0] == pytest.approx(fits, abs=1e-12 * size)
         assert found[1] == pytest.approx(among, abs=1e-12 * whole.max())
         assert found[2] == pytest.approx(whole, rel=1e-12)
