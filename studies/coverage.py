@@ -9,11 +9,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib_model.arrays import Array
-from calib_model.kinematics import DEFAULT_SIGMA, points, probing_jacobian
+from calib_model.kinematics import DEFAULT_SIGMA, points
 from calib_solver.fitting import NO_PRIOR, OBJECTIVES, Options
 from calib_solver.identification import Identification, identify
 from studies.running import columns, over_seeds, study
-from studies.scenes import Noise, Scene, anywhere, kr5, measure, off_as_the_prior_says, off_mount
+from studies.scenes import (
+    Noise,
+    Scene,
+    anywhere,
+    kr5,
+    measure,
+    off_as_the_prior_says,
+    off_mount,
+    predicted,
+)
 
 ABOUT = """
 Simulated calibrations of a KR 5 sixx R650 with an active probe: 7 locations x 4 spheres x 60
@@ -77,8 +86,7 @@ def distance_scores(scene: Scene, done: Identification, seed: int) -> Array:
     """Scores of predicted distances between points, two by two."""
     generator = np.random.default_rng((seed, 2))
     q, centers = anywhere(done.arm, done.probe, generator, 2 * PAIRS)
-    said, jacobian = probing_jacobian(done.arm, done.probe, q, centers)
-    jacobian = jacobian[:, :, done.table.free_columns]
+    said, jacobian = predicted(done, q, centers)
     true = points(scene.arm, q, scene.mount.apply(centers))
     between = said[:PAIRS] - said[PAIRS:]
     length = np.linalg.norm(between, axis=1)

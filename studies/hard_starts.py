@@ -12,13 +12,24 @@ from calib_model.arrays import Array
 from calib_model.descriptions import parse_arm, read_description
 from calib_model.errors import CalibrationError
 from calib_model.instruments import Arm, Gauge
-from calib_model.kinematics import DEFAULT_SIGMA, parallel_joints, points, probing_jacobian
+from calib_model.kinematics import DEFAULT_SIGMA, parallel_joints, points
 from calib_model.measurement import Measurement, ProbingSet
 from calib_model.transforms import RigidTransform
-from calib_solver.fitting import EVIDENCE_PRIOR, NO_PRIOR, Options, Prior
+from calib_solver.fitting import DEFAULT_PRIOR, NO_PRIOR, Options, Prior
 from calib_solver.identification import Identification, identify
 from studies.running import columns, over_seeds, study
-from studies.scenes import CONFIG, Bench, Noise, Scene, anywhere, kr5, off_mount, reach, seated
+from studies.scenes import (
+    CONFIG,
+    Bench,
+    Noise,
+    Scene,
+    anywhere,
+    kr5,
+    off_mount,
+    predicted,
+    reach,
+    seated,
+)
 
 ABOUT = """
 Arms off by 5 mm, 1 deg and zeros by 3 to 10 deg (standard deviations), the probe by 20 mm, in turn
@@ -213,8 +224,7 @@ def unseen(scene: Scene, done: Identification, seed: int = 1) -> tuple[Array, Ar
     """Errors of distances between points anywhere, and what is stated of them, (PAIRS,), m."""
     generator = np.random.default_rng(seed)
     q, centers = anywhere(done.arm, done.probe, generator, 2 * PAIRS)
-    said, jacobian = probing_jacobian(done.arm, done.probe, q, centers)
-    jacobian = jacobian[:, :, done.table.free_columns]
+    said, jacobian = predicted(done, q, centers)
     true = points(scene.arm, q, scene.mount.apply(centers))
     between = said[:PAIRS] - said[PAIRS:]
     length = np.linalg.norm(between, axis=1)
@@ -231,14 +241,14 @@ def _rms(values: Array) -> float:
 def hard_outcomes(seed: int) -> tuple[str, list[Outcome]]:
     """By the evidence, by no prior, by one of true width."""
     hard = hard_scene(seed)
-    priors = (EVIDENCE_PRIOR, NO_PRIOR, Prior(hard.sigma, 1.0))
+    priors = (DEFAULT_PRIOR, NO_PRIOR, Prior(hard.sigma, 1.0))
     return hard.name, [outcome(hard, prior) for prior in priors]
 
 
 def mild_outcomes(seed: int) -> tuple[str, list[Outcome]]:
     """By the evidence and by no prior."""
     mild = mild_scene(seed)
-    return mild.name, [outcome(mild, prior) for prior in (EVIDENCE_PRIOR, NO_PRIOR)]
+    return mild.name, [outcome(mild, prior) for prior in (DEFAULT_PRIOR, NO_PRIOR)]
 
 
 def mild_lines(count: int) -> list[str]:

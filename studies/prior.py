@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from calib_model.kinematics import DEFAULT_SIGMA
-from calib_solver.fitting import DEFAULT_PRIOR, Options, Prior
+from calib_solver.fitting import USUAL_PRIOR, Options, Prior
 from calib_solver.identification import identify
 from studies.running import columns, over_seeds, study
 from studies.scenes import (
@@ -64,7 +64,7 @@ def _error(scene: Scene, strength: float) -> float:
 def table(count: int) -> list[str]:
     """The lines of the study."""
     every = np.array(over_seeds(errors, range(count)))  # (seeds, sizes, sets, strengths)
-    none, default = STRENGTHS.index(0.0), STRENGTHS.index(DEFAULT_PRIOR.strength)
+    none, default = STRENGTHS.index(0.0), STRENGTHS.index(USUAL_PRIOR.strength)
     lines = [f'{count} seeds']
     for i, size in enumerate(SIZES):
         rows = []

@@ -20,6 +20,8 @@ from calib_model.instruments import Arm, Gauge, PassiveProbe, Probe
 from calib_model.kinematics import DEFAULT_SIGMA, parallel_joints, point_derivatives, points
 from calib_model.measurement import Measurement, ProbingSet
 from calib_model.transforms import RigidTransform, nearest_rotation
+from calib_solver.identification import Identification
+from calib_solver.problem import Problem, point_jacobian
 
 CONFIG = Path(__file__).resolve().parents[1] / 'ros2_ws/src/calib_bringup/config'
 SPHERES = (1, 6, 10, 14)
@@ -81,6 +83,21 @@ class Scene:
         said = points(arm, q, probe.flange_T_probe.apply(centers))
         off: Array = np.linalg.norm(aligned(said, true) - true, axis=1)
         return off
+
+
+def predicted(done: Identification, q: Array, centers: Array) -> tuple[Array, Array]:
+    """Where an identified arm with all that was found of it has spheres (N, 3) that sit at
+    `centers` (N, 3) in its probe, at postures q (N, n), m; and how that goes (N, 3, F) with the
+    free parameters."""
+    measured, probe = done.problem.measured, done.probe
+    displacement = np.zeros_like(centers)
+    if not isinstance(probe, PassiveProbe):
+        displacement = probe.displacements(centers, measured.gauge.sphere_diameter)
+    number = measured.gauge.numbers[0]
+    poses = ProbingSet.of([1] * len(q), [number] * len(q), q, displacement)
+    there = Problem.of(replace(measured, poses=poses))
+    p_base, jacobian = point_jacobian(there, done.table, done.full, np.arange(len(q)))
+    return p_base, jacobian[:, :, done.table.free_columns]
 
 
 def kr5(probe: str = 'active') -> Bench:

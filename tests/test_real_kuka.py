@@ -17,7 +17,7 @@ import pytest
 from calib_capture.commands.import_csv import import_csv
 from calib_solver.calibration import Sources, evaluation_record, load
 from calib_solver.commands.identify import main, run
-from calib_solver.fitting import DEFAULT_PRIOR, EVIDENCE_PRIOR, NO_PRIOR, Options
+from calib_solver.fitting import DEFAULT_PRIOR, NO_PRIOR, USUAL_PRIOR, Options
 from calib_solver.identification import identify
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
@@ -130,7 +130,7 @@ def test_the_evidence_does_no_worse_elsewhere_than_no_prior_or_the_usual_one(
         done = identify(measured, Options(prior=prior))
         return spread(sphere_records(assess(problem, done.arm, done.probe).spheres))
 
-    assert spread_there(EVIDENCE_PRIOR) < 1.02 * min(map(spread_there, (NO_PRIOR, DEFAULT_PRIOR)))
+    assert spread_there(DEFAULT_PRIOR) < 1.02 * min(map(spread_there, (NO_PRIOR, USUAL_PRIOR)))
 
 
 @pytest.mark.parametrize('place', PLACES)

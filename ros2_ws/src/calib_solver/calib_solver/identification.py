@@ -9,7 +9,7 @@ from functools import cached_property
 
 from calib_model.arrays import Array
 from calib_model.blas_threads import one_blas_thread
-from calib_model.instruments import Arm, Probe
+from calib_model.instruments import Arm, PassiveProbe, Probe
 from calib_model.kinematics import (
     DEFAULT_SIGMA,
     Correction,
@@ -28,12 +28,16 @@ from calib_solver.faults import (
     Rejected,
     certificate_warnings,
     distance_warnings,
+    far_from_nominal,
+    mirroring_joints,
+    named_joints,
     named_numbers,
     named_scale,
     parameter_warnings,
     pose_warnings,
 )
 from calib_solver.fitting import (
+    AUTO,
     LEADING,
     Accumulate,
     Fit,
@@ -51,6 +55,7 @@ from calib_solver.fitting import (
     observe,
     over_workspace,
 )
+from calib_solver.left_out import LeftOut, judge_left_out, left_out_warnings
 from calib_solver.preparation import Prepared, checked_options, prepare
 from calib_solver.problem import Problem, SphereSums, accumulate
 from calib_solver.quality import Quality, assess
@@ -83,6 +88,7 @@ class Identification:
     warnings: tuple[str, ...]
     least_noise: float = 0.0
     joint_error_choice: JointErrorChoice | None = None
+    left_out: LeftOut | None = None
     choice_12: CorrectionChoice | None = None
     corrected: Quality | None = None
 
@@ -97,6 +103,21 @@ class Identification:
     def workspace(self) -> Workspace:
         """Postures all over the workspace, and how the probed point goes with the parameters."""
         return over_workspace(self.problem, self.table, self.full)
+
+    @cached_property
+    def untold(self) -> tuple[str, ...]:
+        """What no pose of this kind can tell, whatever the parameters."""
+        measured = self.problem.measured
+        if not isinstance(measured.probe, PassiveProbe):
+            return ()  # its styli are not their own mirror image
+        mirroring = mirroring_joints(measured.arm)
+        if not mirroring:
+            return ()
+        return (
+            f'whether {named_joints(measured.arm, mirroring)} are counted the other way: the arm '
+            'in a mirror fits the gauge as well; a sphere that is known to be on one side of the '
+            'arm would tell',
+        )
 
     @property
     def model(self) -> Correction | None:
@@ -155,7 +176,10 @@ def _solved(prepared: Prepared) -> _Solved:
     fit, descent = prepared.solver.solve(problem, prepared.descent)
     solver = prepared.solver.with_widths(descent)
     errors: JointErrorChoice | None = None
-    if solver.options.joint_errors:
+    # eq. 13 alone has too few terms to tell joint errors unless somebody knows better
+    if solver.options.joint_errors and not (
+        solver.options.joint_errors == (AUTO,) and solver.options.objective == 'distance'
+    ):
         errors = choose_joint_errors(problem, solver, fit)
         if errors.accepted:
             table = table_with(solver.table, problem, errors.accepted, solver.options.links)
@@ -184,6 +208,11 @@ def _judged(prepared: Prepared, solved: _Solved) -> Identification:
         options.prior.strength,
         solver.wider(fit),
     )
+    left_out = None if options.quick else judge_left_out(problem, solver, fit, solved.sums)
+    if left_out is not None:
+        # what was left out was missed by more than was stated: so will be what was never probed
+        grown = uncertainty.covariance * left_out.factor**2
+        uncertainty = replace(uncertainty, covariance=grown)
     errors = table.joint_errors(full)
     model = Correction(arm.joint_names, errors) if errors is not None else None
     return Identification(
@@ -204,6 +233,7 @@ def _judged(prepared: Prepared, solved: _Solved) -> Identification:
         warnings=prepared.warnings,
         least_noise=solved.least_noise,
         joint_error_choice=solved.joint_errors,
+        left_out=left_out,
     )
 
 
@@ -219,14 +249,23 @@ def _warnings(
     Mix-ups are looked for over the `table` without joint errors, among all that was `measured`.
     """
     of_poses: tuple[str, ...] = ()
+    solver = solved.solver
     # eq. 13 does not look at the poses and leaves them scattered: that is no sign of anything
-    if done.options.objective != 'distance' and not prepared.stuck_throughout:
+    if not (
+        done.options.quick or done.options.objective == 'distance' or prepared.stuck_throughout
+    ):
         # a firm prior keeps hypotheses that fit nothing from wandering for long
         plain = Solver(table, Options(prior=Prior(DEFAULT_SIGMA)), accumulate)
         of_poses = pose_warnings(
-            measured, done.problem, plain, done.arm, done.probe, done.identified, done.rejected
+            measured,
+            done.problem,
+            plain,
+            done.arm,
+            done.probe,
+            done.identified,
+            done.rejected,
+            far_from_nominal(done.table, done.full, solver.scale),
         )
-    solver = solved.solver
     held = done.fit.kappa * solver.information
     # poses that lie apart let distances look like anything but one sphere out of its place
     of_certificate = certificate_warnings(
@@ -249,7 +288,9 @@ def _warnings(
         + named_scale(done.table, done.full, solver.scale)
         + parameter_warnings(done.table, done.full, solver.scale, done.uncertainty.standard)
     )
-    return of_poses + prepared.warnings + of_distances + of_result
+    named = bool(of_poses or of_distances or of_certificate or prepared.stuck_throughout)
+    of_left_out = left_out_warnings(done.left_out, named)
+    return of_poses + prepared.warnings + of_distances + of_result + of_left_out
 
 
 def _corrected(done: Identification) -> Identification:

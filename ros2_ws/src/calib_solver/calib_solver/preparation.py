@@ -38,6 +38,8 @@ def checked_options(options: Options) -> Options:
     """The options, if there are such."""
     checked_choice(options.correction)
     checked_kinds(options.joint_errors, options.links)
+    if options.quick:
+        options = replace(options, joint_errors=())
     if options.loss not in LOSSES:
         raise DataError(f'no loss {options.loss!r}: expected one of {", ".join(LOSSES)}')
     return options

@@ -292,6 +292,21 @@ def correction(record: Record) -> None:
             quality(record['quality']['test'])
 
 
+def left_out(record: Record) -> None:
+    """How the calibration does on what it is not told."""
+    keys(record, {'by', 'folds', 'position', 'distance', 'factor'})
+    assert record['by'] in ('location', 'posture')
+    count(record['folds'], 2)
+    number(record['factor'], 1.0)
+    for judged in (record['position'], record['distance']):
+        if judged is not None:
+            keys(judged, {'rms', 'stated', 'count'})
+            number(judged['rms'], 0.0)
+            number(judged['stated'], 0.0)
+            count(judged['count'], 1)
+    assert record['position'] is not None
+
+
 def result(record: Record) -> None:
     """The whole of `result.json`."""
     keys(record, TOP, ADDED_TOP)
@@ -301,7 +316,9 @@ def result(record: Record) -> None:
     parameters(record['parameters'])
     transform(record['flange_T_probe'])
     spheres(record['spheres'])
-    keys(record['quality'], {'initial', 'identified', 'test'}, {'test_initial'})
+    keys(record['quality'], {'initial', 'identified', 'test'}, {'test_initial', 'left_out'})
+    if record['quality'].get('left_out') is not None:
+        left_out(record['quality']['left_out'])
     assert (record['quality']['test'] is None) == (record['quality']['test_initial'] is None)
     quality(record['quality']['initial'])
     quality(record['quality']['identified'])

@@ -15,7 +15,7 @@ import numpy as np
 
 from calib_model.errors import TableError
 from calib_model.files import file_content
-from calib_model.instruments import STYLI, ActiveProbe, Arm, Gauge, Probe
+from calib_model.instruments import STYLI, ActiveProbe, Arm, Gauge, Joint, Probe
 from calib_model.measurement import ProbingSet
 
 LARGEST_NUMBER = 65535  # of locations and spheres: ProbingPose holds them in 16 bits
@@ -118,12 +118,34 @@ def read_table(file: Path, arm: Arm, probe: Probe, gauge: Gauge) -> ProbingSet:
 
 
 def _joint(row: _Row, column: str, arm: Arm, i: int) -> float:
-    value = row.number(column)
-    lower, upper = arm.joints[i].limits
-    if abs(value) > TURNS or not lower - BEYOND <= value <= upper + BEYOND:
-        expected = f'expected rad within [{lower:.3f}, {upper:.3f}] for {arm.joints[i].name}'
-        raise row.refuse(column, f'{expected}, got {value:g}: is it in degrees?')
+    value, joint = row.number(column), arm.joints[i]
+    lower, upper = joint.limits
+    if not _fits(value, joint):
+        expected = f'expected rad within [{lower:.3f}, {upper:.3f}] for {joint.name}'
+        raise row.refuse(column, f'{expected}, got {value:g}{_guess(value, joint)}')
     return value
+
+
+def _fits(value: float, joint: Joint) -> bool:
+    lower, upper = joint.limits
+    return abs(value) <= TURNS and lower - BEYOND <= value <= upper + BEYOND
+
+
+def _guess(value: float, joint: Joint) -> str:
+    """What a joint position may be that is beyond its limits in rad."""
+    axis = joint.controller
+    for unit, angle in (('', value), (' in degrees', math.radians(value))):
+        if unit and _fits(angle, joint):
+            return ': is it in degrees?'
+        if axis is None or (axis.zero == 0 and axis.direction == 1):
+            continue
+        if _fits(axis.zero + axis.direction * angle, joint):
+            turn = '-' if axis.direction < 0 else ''
+            return (
+                f': is it {axis.name}{unit} as the controller shows it? '
+                f'(q = {turn}{axis.name} {axis.zero:+.4f} rad)'
+            )
+    return ': is it in degrees, or counted from another zero?'
 
 
 def _reading(row: _Row, column: str, stroke: tuple[float, float]) -> float:

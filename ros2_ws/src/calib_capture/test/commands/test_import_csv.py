@@ -155,6 +155,19 @@ def test_degrees_and_millimetres_are_asked_about(run: Run) -> None:
     assert 'is it in mm?' in run(TABLE.replace('0.0011', '1.1'))[1]
 
 
+def test_the_controllers_own_count_is_offered_where_it_would_fit(run: Run) -> None:
+    """Of the KR 5, q3 = A3 - 90 deg: 2.6 rad is no joint position, but A3 may well be there."""
+    third = TABLE.splitlines()[1].split(',')
+    for value, said in (
+        ('2.6', ': is it A3 as the controller shows it? (q = A3 -1.5708 rad)'),
+        ('126', ': is it A3 in degrees as the controller shows it?'),
+        ('-150', ': is it in degrees?'),
+        ('500', ': is it in degrees, or counted from another zero?'),
+    ):
+        line = run(TABLE.replace(','.join(third), ','.join([*third[:4], value, *third[5:]]), 1))[1]
+        assert 'column q3' in line and said in line
+
+
 def test_readings_of_a_passive_probe_are_refused(run: Run) -> None:
     code, line = run(TABLE, 'seated_ball_iiwa14')
     assert code == 2

@@ -6,7 +6,13 @@ from __future__ import annotations
 from calib_model.errors import LONGEST_LINE
 from calib_solver.calibration.calibration import Calibration
 from calib_solver.quality import Quality
-from calib_solver.results import Record, prior_words, quality_record, resampling_lines
+from calib_solver.results import (
+    Record,
+    left_out_words,
+    prior_words,
+    quality_record,
+    resampling_lines,
+)
 
 ROWS = (
     ('distance error, mean', 'distance', 'mean'),
@@ -44,8 +50,9 @@ def summary_text(calibration: Calibration) -> str:
     ]
     if unseen:
         lines.append('not told by these poses, kept near nominal: ' + ', '.join(unseen))
-    sure = calibration.record['diagnostics']['position_uncertainty_rms']
-    lines.append(f'standard uncertainty of a position over the workspace: {sure * 1e3:.4f} mm rms')
+    untold = calibration.record['diagnostics']['untold']
+    lines += [f'not told by any such poses: {text}' for text in untold]
+    lines += sure_lines(calibration.record)
     if calibration.record['resampling'] is not None:
         lines += resampling_lines(calibration.record['resampling'])
     lines += prior_lines(calibration.record['diagnostics']['prior'])
@@ -85,6 +92,18 @@ def beyond_lines(record: Record) -> list[str]:
     if record['correction'] is not None:
         lines.append(record['correction']['verdict'])
     return lines
+
+
+def sure_lines(record: Record) -> list[str]:
+    """How sure a position is, and what that rests on."""
+    checks, left_out = record['diagnostics'], record['quality']['left_out']
+    lines = [left_out_words(left_out)] if left_out is not None else []
+    sure = checks['position_uncertainty_rms']
+    lines.append(f'standard uncertainty of a position over the workspace: {sure * 1e3:.4f} mm rms')
+    noise = f'a pose scatters by {checks["noise"] * 1e3:.4f} mm per coordinate'
+    if checks['misfit'] > 1:
+        noise += f', locations {checks["misfit"]:.3g} times more than that explains'
+    return [*lines, noise]
 
 
 def prior_lines(record: Record) -> list[str]:

@@ -85,8 +85,8 @@ def arguments() -> CommandParser:
         '--prior',
         default='',
         metavar='CHOICE',
-        help='none, a strength (default 2), auto (the poses say how wide it is for each kind of '
-        'parameter), or a YAML file of standard deviations',
+        help='auto (default): the poses say how wide it is for each kind of parameter; none, a '
+        'strength (2 is usual), or a YAML file of standard deviations',
     )
     parser.add_argument(
         '--loss',
@@ -96,10 +96,11 @@ def arguments() -> CommandParser:
     )
     parser.add_argument(
         '--joint-errors',
-        default='',
+        default='auto',
         metavar='KINDS',
         help='identify encoder, compliance or both (encoder,compliance) with the D-H parameters, '
-        'as far as locations left out get better by it',
+        'as far as locations left out get better by it; auto (default): encoder, and compliance '
+        'where --links is given; none',
     )
     parser.add_argument(
         '--links',
@@ -113,6 +114,11 @@ def arguments() -> CommandParser:
         metavar='CHOICE',
         help='of eq. 12, as functions of the joints: off (default); auto: only if locations left '
         'out get better by it; harmonic: in any case',
+    )
+    parser.add_argument(
+        '--quick',
+        action='store_true',
+        help='no joint errors, no search for mix-ups, no judging by what is left out',
     )
     parser.add_argument(
         '--monte-carlo',
@@ -168,6 +174,7 @@ def run(argv: Sequence[str] | None = None) -> calibration.Calibration:
         given.loss,
         given.correction,
         error_models.chosen_kinds(given.joint_errors),
+        quick=given.quick,
     )
     sources = calibration.Sources(
         tuple(given.bag),

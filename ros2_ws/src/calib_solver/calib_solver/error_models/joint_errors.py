@@ -18,7 +18,7 @@ from calib_model.kinematics import (
     ParameterTable,
 )
 from calib_solver.error_models.validation_gain import FEWEST_LOCATIONS, Gain, LeaveOneOut
-from calib_solver.fitting import Fit, Solver
+from calib_solver.fitting import AUTO, Fit, Solver
 from calib_solver.problem import IntArray, Problem
 
 #: a joint on which gravity's torque stays below this (N m) says nothing of its compliance
@@ -36,12 +36,14 @@ class Tried:
 
 @dataclass(frozen=True)
 class JointErrorChoice:
-    """What was `offered` and `tried`, one after the other; `folds` parts of the locations."""
+    """What was `offered` and `tried`, one after the other; `folds` parts of the locations. Where
+    nobody `asked` for them, only those that are identified are spoken of."""
 
     offered: tuple[str, ...]
     tried: tuple[Tried, ...]
     folds: int
     refusal: str = ''
+    asked: bool = True
 
     @property
     def accepted(self) -> tuple[str, ...]:
@@ -52,28 +54,36 @@ class JointErrorChoice:
     def lines(self) -> list[str]:
         """What became of each kind, one line each."""
         if self.refusal:
-            return [f'joint errors refused: {self.refusal}']
+            return [f'joint errors refused: {self.refusal}'] if self.asked else []
         return [
             f'joint errors, {one.kind} {"identified" if one.accepted else "refused"}: '
             f'locations left out change by {one.gain.words}'
             for one in self.tried
+            if one.accepted or self.asked
         ]
 
 
 def chosen_kinds(text: str) -> tuple[str, ...]:
-    """The kinds that a command's option names, separated by commas; '' is none."""
+    """The kinds that a command's option names, separated by commas; '' is AUTO, 'none' none."""
+    if text.strip() in ('', AUTO):
+        return (AUTO,)
+    if text.strip() == 'none':
+        return ()
     return tuple(dict.fromkeys(part.strip() for part in text.split(',') if part.strip()))
 
 
 def checked_kinds(kinds: tuple[str, ...], links: Links | None) -> tuple[str, ...]:
-    """The kinds themselves.
+    """The kinds themselves, AUTO those that can be identified.
 
     Raises:
         DataError: an unknown kind, or compliance without the masses of the links.
     """
+    if kinds == (AUTO,):
+        return (ENCODER,) if links is None else (ENCODER, COMPLIANCE)
     for kind in kinds:
         if kind not in KINDS:
-            raise DataError(f'no joint error {kind!r}: expected {" or ".join(KINDS)}')
+            known = ', '.join((AUTO, 'none', *KINDS))
+            raise DataError(f'no joint error {kind!r}: expected one of {known}')
     if COMPLIANCE in kinds and links is None:
         raise DataError('joint error compliance: the masses of the links are not given (--links)')
     return kinds
@@ -103,12 +113,13 @@ def choose_joint_errors(problem: Problem, solver: Solver, fit: Fit) -> JointErro
 
     `fit` is the solver's minimum without them; D-H parameters and mount are fitted anew with each.
     """
-    kinds = solver.options.joint_errors
+    options = solver.options
+    kinds = checked_kinds(options.joint_errors, options.links)
+    asked = options.joint_errors != (AUTO,)
     count = len(problem.locations)
     if count < FEWEST_LOCATIONS:
-        return JointErrorChoice(
-            kinds, (), 0, f'{count} locations, expected {FEWEST_LOCATIONS} to judge them by'
-        )
+        few = f'{count} locations, expected {FEWEST_LOCATIONS} to judge them by'
+        return JointErrorChoice(kinds, (), 0, few, asked)
     wider = replace(solver, table=table_with(solver.table, problem, kinds, solver.options.links))
     full = wider.table.nominal.copy()
     full[solver.table.free_columns] += fit.x
@@ -132,7 +143,7 @@ def choose_joint_errors(problem: Problem, solver: Solver, fit: Fit) -> JointErro
         tried.append(Tried(best, gains[best], True))
         taken, scores = np.union1d(taken, columns[best]), found[best]
         left.remove(best)
-    return JointErrorChoice(kinds, tuple(tried), len(judge.folds))
+    return JointErrorChoice(kinds, tuple(tried), len(judge.folds), asked=asked)
 
 
 def _columns(table: ParameterTable, kind: str) -> IntArray:

@@ -16,6 +16,13 @@ if TYPE_CHECKING:
         Rejected as Rejected,
         without_gross_errors as without_gross_errors,
     )
+    from calib_solver.faults.mirror import (
+        mirroring_joints as mirroring_joints,
+    )
+    from calib_solver.faults.mixups import (
+        far_from_nominal as far_from_nominal,
+        named_joints as named_joints,
+    )
     from calib_solver.faults.stuck_styli import (
         set_apart as set_apart,
         stuck_stretches as stuck_stretches,

@@ -8,7 +8,7 @@ does is named to the user and never put right behind his back.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -17,9 +17,11 @@ import numpy as np
 
 from calib_model.arrays import Array
 from calib_model.errors import CalibrationError
-from calib_model.instruments import ActiveProbe
+from calib_model.instruments import JOINT_PARAMETERS, ActiveProbe, Arm
+from calib_model.kinematics import ParameterTable
 from calib_model.measurement import Measurement, ProbingSet
 from calib_solver.faults.encoder_jumps import large_jumps
+from calib_solver.faults.mirror import mirroring_joints
 from calib_solver.faults.residual_projection import rough_spread
 from calib_solver.fitting import Solver, try_probe_fit
 from calib_solver.problem import IntArray, Problem
@@ -35,6 +37,8 @@ EXPLAINED = 1e-3
 NEARLY = 1.2
 #: so many that fit best after one rough step are solved for
 TRIED = 6
+#: a parameter so many times further off than is usual is not the work of makers or mastering
+MIXED_UP = 25.0
 #: with fewer poses than this a jump explains anything
 FEWEST_TO_JUMP = 30
 DEGREES = 180 / np.pi
@@ -50,19 +54,23 @@ class Mixup:
     change: Change
 
 
-def named_mixups(measured: Measurement, spread: float, solver: Solver) -> tuple[str, ...]:
-    """A line for what would make the poses fit FACTOR times better than their `spread` (m).
+def named_mixups(
+    measured: Measurement, spread: float, solver: Solver, far: bool = False
+) -> tuple[str, ...]:
+    """A line for what would make the poses fit FACTOR times better than their `spread` (m); where
+    they fit by parameters that are `far` from nominal, as well without that.
 
-    The likeliest are solved for; the solver's prior keeps those that fit nothing from wandering.
+    The likeliest are solved for; the solver's prior keeps those that fit nothing from wandering,
+    and what fits near nominal.
     """
     places = _places(len(measured.poses))
     few = replace(measured, poses=measured.poses.take(places))
-    simple = _likely(few, mixups(measured), spread, solver)
-    return simple or _likely(few, _jumps(few, solver, places), spread, solver)
+    simple = _likely(few, mixups(measured), spread, solver, far)
+    return simple or _likely(few, _jumps(few, solver, places), spread, solver, far)
 
 
 def _likely(
-    few: Measurement, what: Iterable[Mixup], spread: float, solver: Solver
+    few: Measurement, what: Iterable[Mixup], spread: float, solver: Solver, far: bool
 ) -> tuple[str, ...]:
     tried: list[tuple[float, str, Problem]] = []
     for mixup in what:
@@ -74,13 +82,22 @@ def _likely(
     found: list[tuple[float, str]] = []
     for _, text, problem in sorted(tried, key=lambda one: one[0])[:TRIED]:
         try:
-            found.append((_spread_of(problem, solver), text))
+            size, near = _solved(problem, solver)
         except CalibrationError:
             continue  # nor do these
+        if near or not far:
+            found.append((size, text))
     best = min((size for size, _ in found), default=np.inf)
-    if best > min(EXPLAINED, spread / FACTOR):
-        return ()
     likely = [text for size, text in sorted(found) if size <= NEARLY * best]
+    better = best <= min(EXPLAINED, spread / FACTOR)
+    if far and not better and best <= min(EXPLAINED, NEARLY * spread):
+        return (
+            f'the poses fit as well, {best * 1e3:.4f} mm from pose to pose, with parameters near '
+            f'nominal and {" or ".join(likely)}: nothing was changed; is the count of the joints '
+            "and readings the description's?",
+        )
+    if not better:
+        return ()
     return (
         f'the poses would fit {spread / best:.0f} times better with {" or ".join(likely)} '
         f'({best * 1e3:.4f} mm instead of {spread * 1e3:.4f} mm from pose to pose): '
@@ -88,11 +105,27 @@ def _likely(
     )
 
 
-def _spread_of(problem: Problem, solver: Solver) -> float:
-    """The usual distance (m) of a pose from its sphere's centre, when the problem is solved."""
+def _solved(problem: Problem, solver: Solver) -> tuple[float, bool]:
+    """The usual distance (m) of a pose from its sphere's centre, when the problem is solved, and
+    whether the arm is near nominal then."""
     solver.refuse_too_little(problem)
     _, descent = solver.solve(problem, solver.start(problem, try_probe_fit(problem)))
-    return assess(problem, *solver.arm_and_probe(problem, descent)).spread
+    size = assess(problem, *solver.arm_and_probe(problem, descent)).spread
+    return size, not far_from_nominal(solver.table, solver.full(descent.x), solver.scale)
+
+
+def far_from_nominal(table: ParameterTable, full: Array, sigma: Array) -> bool:
+    """Whether a D-H parameter is further from nominal than errors of make or mastering take it;
+    `full` (C,) are all parameters, `sigma` (F,) what the free ones usually are off by."""
+    times = np.abs((full - table.nominal)[table.free_columns]) / sigma
+    of_arm = np.array([parameter.kind in JOINT_PARAMETERS for parameter in table.free], dtype=bool)
+    return bool((times[of_arm] > MIXED_UP).any())
+
+
+def named_joints(arm: Arm, joints: Sequence[int]) -> str:
+    """Some of the joints (from 0) in words."""
+    names = [arm.joint_names[joint] for joint in joints]
+    return f'joints {", ".join(names[:-1])} and {names[-1]}' if names[1:] else f'joint {names[0]}'
 
 
 def beyond_belief(spread: float) -> tuple[str, ...]:
@@ -118,6 +151,9 @@ def mixups(measured: Measurement) -> Iterator[Mixup]:
         yield Mixup(f'joint {name} counted the other way', _scaled('joints', [i], -1.0))
         for degrees in (90, -90, 180):
             yield Mixup(f'{degrees} deg added to joint {name}', _turned_joint(i, degrees))
+    if mirroring := mirroring_joints(measured.arm):
+        joints = named_joints(measured.arm, mirroring)
+        yield Mixup(f'{joints} counted the other way', _scaled('joints', mirroring, -1.0))
     for i, j in combinations(range(len(names)), 2):
         yield Mixup(f'joints {names[i]} and {names[j]} exchanged', _swapped('joints', i, j))
     if isinstance(measured.probe, ActiveProbe):

@@ -39,17 +39,19 @@ def pose_warnings(
     probe: Probe,
     quality: Quality,
     rejected: Sequence[Rejected],
+    far: bool = False,
 ) -> tuple[str, ...]:
     """Lines on what the residuals look like: something mixed up, or a fault's shadow.
 
     `measured` is all that was measured, `problem` what is left of it without the `rejected`, and
-    `quality` its own; `solver` solves for what may have been mixed up.
+    `quality` its own; `solver` solves for what may have been mixed up; `far` says that parameters
+    are where a mix-up may have taken them.
     """
     slipped = sum(one.reason == SLIPPED for one in rejected)
     mixed_up: tuple[str, ...] = ()
-    if quality.spread > SMALL or slipped > LEFT_OUT * len(measured.poses):
+    if far or quality.spread > SMALL or slipped > LEFT_OUT * len(measured.poses):
         of_all = assess(Problem.of(measured), arm, probe) if rejected else quality
-        mixed_up = named_mixups(measured, of_all.spread, solver)
+        mixed_up = named_mixups(measured, of_all.spread, solver, far)
     out = [one.pose - 1 for one in rejected]
     pose_of = np.setdiff1d(np.arange(len(measured.poses)), out)
     return (

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         Quadratic as Quadratic,
         distance_errors as distance_errors,
         distance_repeatability as distance_repeatability,
+        fit_placement as fit_placement,
         objective as objective,
         repeatability as repeatability,
         repeatability_weights as repeatability_weights,
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
         observe as observe,
     )
     from calib_solver.fitting.options import (
+        AUTO as AUTO,
         LEADING as LEADING,
         LOSSES as LOSSES,
         Options as Options,
@@ -36,8 +38,8 @@ if TYPE_CHECKING:
     )
     from calib_solver.fitting.prior import (
         DEFAULT_PRIOR as DEFAULT_PRIOR,
-        EVIDENCE_PRIOR as EVIDENCE_PRIOR,
         NO_PRIOR as NO_PRIOR,
+        USUAL_PRIOR as USUAL_PRIOR,
         Prior as Prior,
         chosen_prior as chosen_prior,
         parse_prior as parse_prior,

@@ -7,9 +7,10 @@ parameter (gamma near 1) its offset says how wide its kind is, where they do not
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib_model.arrays import Array
 from calib_model.kinematics import ParameterTable
@@ -45,15 +46,25 @@ MOST_UPDATES = 50
 #: no width is narrower than this part of what is usual, none wider than this, m or rad: a probe's
 #: mount is known that well, a joint's zero too
 NARROWEST, WIDEST = 1e-3, 0.5
+#: kinds of parameters that are the same after a whole turn
+ANGLES = ('alpha', 'theta_0', 'beta')
+
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Group:
     """Free parameters that have a width in common: `sigma` (F,) is what each usually is off by (m,
-    rad), `kind` (F,) the number of its kind, from 0."""
+    rad), `kind` (F,) the number of its kind, from 0, `turns` (F,) which are angles of D-H."""
 
     sigma: Array
     kind: IntArray
+    turns: Mask
+
+    def without_turns(self, fit: Fit) -> Fit:
+        """The same minimum by angles within half a turn of nominal."""
+        turned = np.where(self.turns, np.round(fit.x / (2 * np.pi)), 0.0)
+        return replace(fit, x=fit.x - 2 * np.pi * turned) if turned.any() else fit
 
     def weak(self) -> Array:
         """The times (K,) to begin with: WEAK, and no wider than a mount, which is known least."""
@@ -78,7 +89,8 @@ def groups(table: ParameterTable, sigma: Array) -> tuple[tuple[str, ...], Group]
     """The kinds (K,) of a table's free parameters, by kind; `sigma` (F,) is `Group`'s."""
     kinds = tuple(dict.fromkeys(parameter.kind for parameter in table.free))
     kind = [kinds.index(parameter.kind) for parameter in table.free]
-    return kinds, Group(sigma, np.array(kind, dtype=np.int64))
+    turns = [parameter.kind in ANGLES for parameter in table.free]
+    return kinds, Group(sigma, np.array(kind, dtype=np.int64), np.array(turns, dtype=bool))
 
 
 @dataclass(frozen=True)
@@ -155,7 +167,8 @@ def minimise_by_evidence(
     """
     held: tuple[Fit, ...]
     if times is not None:
-        held = (minimise(evaluate, start, group.sigma, group.information(times), least_noise),)
+        fit = minimise(evaluate, start, group.sigma, group.information(times), least_noise)
+        held = (group.without_turns(fit),)
         return _tightened(evaluate, held, group, times, least_noise)
     weak = group.weak()
     held = _weakly_held(evaluate, start, group, weak, least_noise)
@@ -185,10 +198,12 @@ def _other(
 ) -> tuple[Fit, ...]:
     """From the start with widths already known, or without any prior."""
     if times is None:
-        return (minimise(evaluate, start, group.sigma, np.zeros(len(start)), least_noise),)
+        fit = minimise(evaluate, start, group.sigma, np.zeros(len(start)), least_noise)
+        return (group.without_turns(fit),)
     information = group.information(times)
     kappa = None if (times == 1).all() else FIRST_NOISE**2
-    return (minimise(evaluate, start, group.sigma, information, least_noise, kappa),)
+    fit = minimise(evaluate, start, group.sigma, information, least_noise, kappa)
+    return (group.without_turns(fit),)
 
 
 def _tightened(
@@ -206,7 +221,8 @@ def _tightened(
         times = found.times
         information = group.information(times)
         kappa = max(found.noise, least_noise) if few else None
-        fits += (minimise(evaluate, fit.x, group.sigma, information, least_noise, kappa),)
+        fit = minimise(evaluate, fit.x, group.sigma, information, least_noise, kappa)
+        fits += (group.without_turns(fit),)
     return Settled(fits, times, found.evidence)
 
 
@@ -221,6 +237,7 @@ def _weakly_held(
     left, kappa = np.inf, FIRST_NOISE**2
     for _ in range(MOST_ROUNDS):
         fit = minimise(evaluate, start, scale, information, least_noise, kappa)
+        fit = group.without_turns(fit)
         noise = residual_noise(fit.quadratic, group.sigma, least_noise)
         if noise > LOWER * left:
             break

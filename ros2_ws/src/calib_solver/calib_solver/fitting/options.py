@@ -11,6 +11,8 @@ from calib_solver.fitting.prior import DEFAULT_PRIOR, Prior
 LOSSES = ('rejecting', 'plain')
 #: the objective that looks at distances and poses alike
 LEADING = 'distance_repeatability'
+#: in place of kinds of joint errors: all those for which enough is known of the arm
+AUTO = 'auto'
 
 
 @dataclass(frozen=True)
@@ -20,7 +22,8 @@ class Options:
 
     `correction` of eq. 12 is `off`, `auto` (only if locations left out get better by it) or
     `harmonic` (all the same). `joint_errors` are kinds offered to be identified, of which
-    compliance needs the weights of the `links`.
+    compliance needs the weights of the `links`; AUTO offers those that can be. `quick` leaves out
+    joint errors, the search for mix-ups, and the judging by what is left out.
     """
 
     objective: str = 'distance_repeatability'
@@ -29,5 +32,6 @@ class Options:
     prior: Prior = DEFAULT_PRIOR
     loss: str = 'rejecting'
     correction: str = 'off'
-    joint_errors: tuple[str, ...] = ()
+    joint_errors: tuple[str, ...] = (AUTO,)
     links: Links | None = None
+    quick: bool = False

@@ -54,8 +54,10 @@ class Prior:
         return information
 
 
-DEFAULT_PRIOR = Prior(DEFAULT_SIGMA)
-EVIDENCE_PRIOR = Prior(DEFAULT_SIGMA, 1.0, evidence=True)
+#: as wide as the evidence says: nothing better is known of an arm that is not known
+DEFAULT_PRIOR = Prior(DEFAULT_SIGMA, 1.0, evidence=True)
+#: as wide as is usual
+USUAL_PRIOR = Prior(DEFAULT_SIGMA)
 NO_PRIOR = Prior(DEFAULT_SIGMA, 0.0)
 
 
@@ -94,16 +96,14 @@ def parse_prior(text: str, source: str = 'prior') -> Prior:
 
 
 def chosen_prior(choice: str) -> Prior:
-    """The prior of a command's option: '' or 'default', 'auto' (its widths follow the evidence),
+    """The prior of a command's option: '', 'default' or 'auto' (its widths follow the evidence),
     'none', a strength or a file.
 
     Raises:
         DescriptionError: a file that cannot be read or used.
     """
-    if choice in ('', 'default'):
+    if choice in ('', 'default', 'auto'):
         return DEFAULT_PRIOR
-    if choice == 'auto':
-        return EVIDENCE_PRIOR
     if choice == 'none':
         return NO_PRIOR
     try:

@@ -12,6 +12,7 @@ from calib_interfaces.msg import (
     DistanceQuality,
     IdentifiedParameter,
     JointErrors,
+    LeftOut,
     LeftOutGain,
     LengthQuality,
     MeasuringArm,
@@ -138,6 +139,16 @@ def joint_errors(record: Record) -> JointErrors:
     ]
     told = {**record, 'tried': tried, 'parameters': parameters(record['parameters'])}
     return filled(JointErrors(), told)
+
+
+def left_out(record: Record) -> LeftOut:
+    """How a calibration does on what it is not told; NaN where there are no distances."""
+    nothing = {'rms': math.nan, 'stated': math.nan}
+    position, distance = record['position'], record['distance'] or nothing
+    message = LeftOut(by=record['by'], folds=record['folds'], factor=record['factor'])
+    message.position_rms, message.position_stated = position['rms'], position['stated']
+    message.distance_rms, message.distance_stated = distance['rms'], distance['stated']
+    return message
 
 
 def left_out_gain(record: Record | None) -> LeftOutGain:

@@ -161,6 +161,7 @@ class SolverNode(Node):
             request.loss or Options.loss,
             request.correction or Options.correction,
             chosen_kinds(request.joint_errors),
+            quick=request.quick,
         )
         plan = Plan(request.monte_carlo, request.bootstrap, request.seed)
         finished = with_urdf(
@@ -200,6 +201,9 @@ class SolverNode(Node):
         if record['correction'] is not None:
             response.has_correction = True
             response.correction = messages.correction(record['correction'])
+        if record['quality']['left_out'] is not None:
+            response.has_left_out = True
+            response.left_out = messages.left_out(record['quality']['left_out'])
         response.notes = finished.notes
         response.warnings = record['warnings']
         response.written = [str(path) for path in finished.written]

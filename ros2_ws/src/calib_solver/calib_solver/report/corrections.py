@@ -14,10 +14,11 @@ JUDGED = (
 
 
 def beyond(record: Record) -> str:
-    """What became of joint errors and of eq. 12, where they were asked for; else nothing."""
+    """What became of joint errors and of eq. 12, where they were asked for or found; else
+    nothing."""
     errors, correction = record.get('joint_errors'), record.get('correction')
     parts = []
-    if errors is not None:
+    if errors is not None and errors['verdict']:
         parts.append(_joint_errors(errors))
     if correction is not None:
         parts.append(_correction(correction))

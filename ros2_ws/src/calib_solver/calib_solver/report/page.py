@@ -29,7 +29,7 @@ from calib_solver.report.residuals import (
     warnings,
 )
 from calib_solver.report.workspace import workspace_charts
-from calib_solver.results import Record
+from calib_solver.results import Record, left_out_words
 
 
 def report_html(
@@ -42,6 +42,7 @@ def report_html(
         '<header><p class="kind">Calibration report</p>',
         f'<h1>{escape(title)}</h1>',
         paragraph(_lead(done, record), 'faint'),
+        _judged(record),
         '</header>',
         warnings_box(warnings(record)),
         section('In short', key_figures(columns), sure(record)),
@@ -87,6 +88,15 @@ def _lead(done: Identification, record: Record) -> str:
         f'probed with {measured.probe.name}; identified by {objective}. '
         f'Report made {datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC.'
     )
+
+
+def _judged(record: Record) -> str:
+    """What the calibration is worth where it was not told anything."""
+    left_out = record['quality']['left_out']
+    if left_out is None:
+        return ''
+    words = left_out_words(left_out)
+    return paragraph(f'{words[0].upper()}{words[1:]}.', 'judged')
 
 
 def _columns(record: Record) -> Columns:

@@ -83,12 +83,14 @@ def by_joint(record: Record) -> str:
 def sure(record: Record) -> str:
     """How sure a position is, and how far one pose scatters."""
     checks = record['diagnostics']
+    misfit = checks['misfit']
+    more = f'; locations scatter {misfit:.3g} times more than that explains' if misfit > 1 else ''
     return paragraph(
         'Standard uncertainty of a position over the workspace: '
         f'{mm(checks["position_uncertainty_rms"])} mm rms, '
         f'{mm(checks["position_uncertainty_max"])} mm at most. One pose scatters by '
-        f'{mm(checks["noise"])} mm (standard deviation per coordinate).'
-    )
+        f'{mm(checks["noise"])} mm (standard deviation per coordinate){more}.'
+    ) + ''.join(paragraph(f'Not told by any such poses: {text}.') for text in checks['untold'])
 
 
 def solver(record: Record) -> str:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     )
     from calib_solver.results.quality import (
         Record as Record,
+        left_out_words as left_out_words,
         quality_record as quality_record,
         sphere_records as sphere_records,
     )

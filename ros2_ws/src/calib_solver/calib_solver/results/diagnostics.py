@@ -37,6 +37,7 @@ def diagnostics_record(done: Identification) -> dict[str, Any]:
         'position_uncertainty_max': float(sure.max()),
         'by_location': by_location(done, deviation),
         'by_joint': by_joint(done, deviation),
+        'untold': list(done.untold),
     }
 
 

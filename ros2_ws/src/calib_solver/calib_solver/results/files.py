@@ -18,7 +18,12 @@ from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
 from calib_solver.results.corrections import correction_record, estimate_record, joint_errors_record
 from calib_solver.results.diagnostics import diagnostics_record
-from calib_solver.results.quality import Record, quality_record, sphere_records
+from calib_solver.results.quality import (
+    Record,
+    left_out_record,
+    quality_record,
+    sphere_records,
+)
 from calib_solver.results.resampling import resampling_record
 
 if TYPE_CHECKING:
@@ -44,6 +49,7 @@ def result_record(
             'identified': quality_record(done.identified),
             'test': quality_record(held_out.identified) if held_out is not None else None,
             'test_initial': quality_record(held_out.initial) if held_out is not None else None,
+            'left_out': left_out_record(done.left_out) if done.left_out is not None else None,
         },
         'solver': {
             'iterations': done.fit.iterations,

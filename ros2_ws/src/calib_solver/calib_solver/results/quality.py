@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from calib_model.arrays import Array
+from calib_solver.left_out import LeftOut
 from calib_solver.quality import BASIS, COORDINATES, ProbedSpheres, Quality, articulation, lengths
 
 Record = dict[str, Any]
@@ -68,6 +69,33 @@ def quality_record(quality: Quality) -> Record:
             'length': _length_record(quality),
         },
     }
+
+
+def left_out_record(left_out: LeftOut) -> Record:
+    """How a calibration does on what it is not told, m; the `factor` has no unit."""
+    distance = left_out.distance
+    return {
+        'by': left_out.by,
+        'folds': left_out.folds,
+        'position': vars(left_out.position),
+        'distance': vars(distance) if distance is not None else None,
+        'factor': left_out.factor,
+    }
+
+
+def left_out_words(record: Record) -> str:
+    """The same in a sentence: what is to be expected where nobody probed."""
+    position = record['position']
+    by_location = record['by'] == 'location'
+    where = 'at a place never probed' if by_location else 'in postures never probed'
+    part = 'locations' if by_location else 'regions of postures'
+    text = (
+        f'{where}: {position["rms"] * 1e3:.4f} mm, stated {position["stated"] * 1e3:.4f} mm '
+        f'(rms of poses, {record["folds"]} {part} left out in turn)'
+    )
+    if record['factor'] > 1:
+        text += f'; all stated uncertainties are {record["factor"]:.2g} times as large for it'
+    return text
 
 
 def _distance_record(quality: Quality) -> Record:

@@ -25,7 +25,7 @@ from calib_solver.quality import assess
 from calib_solver.results import result_record
 
 pytestmark = pytest.mark.timeout(60)
-AUTO = Options(correction='auto')
+AUTO = Options(correction='auto', joint_errors=())
 
 
 @pytest.fixture(scope='module')
@@ -80,7 +80,7 @@ def test_what_locations_left_out_promise_is_what_they_keep(done):
 def test_it_is_refused_where_only_the_geometry_is_off(plain, noise):
     nothing = JointErrors(JointTerms(2), np.zeros((4, 6)))
     measured = off_by(plain, nothing, noise).measured
-    found, bare = identify(measured, AUTO), identify(measured)
+    found, bare = identify(measured, AUTO), identify(measured, Options(joint_errors=()))
     assert not found.choice_12.accepted
     assert found.choice_12.verdict.startswith('correction of eq. 12 refused: ')
     assert '\n' not in found.choice_12.verdict
@@ -117,7 +117,7 @@ def test_asked_for_in_any_case_it_is_taken(plain):
 @pytest.mark.slow
 @pytest.mark.parametrize('objective', ['distance', 'position'])
 def test_it_serves_other_objectives_too(eccentric, objective):
-    done = identify(parts(eccentric)[0], Options(objective, correction='auto'))
+    done = identify(parts(eccentric)[0], Options(objective, correction='auto', joint_errors=()))
     # what eq. 13 leaves of the repeatability is geometry, and too much for a correction
     assert done.choice_12.accepted == (objective == 'position')
     result_schema.result(json.loads(json.dumps(result_record(done), allow_nan=False)))
@@ -166,5 +166,5 @@ def test_what_is_written_is_what_evaluate_applies(eccentric, tmp_path):
     p_flange = finished.done.probe.flange_T_probe.apply(finished.done.problem.centers)
     CorrectedArm(arm, beyond).points(finished.done.problem.joints, p_flange)
     # another run in the same folder without it leaves no correction of an arm that is gone
-    calibrate(sources, Options(), (), str(out))
+    calibrate(sources, Options(joint_errors=()), (), str(out))
     assert not (out / 'correction.yaml').exists()

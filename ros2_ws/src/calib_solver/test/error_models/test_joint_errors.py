@@ -13,7 +13,7 @@ from simulated_joint_errors import LINKS, off_by, parts, true_errors
 from calib_model.errors import DataError
 from calib_model.kinematics import KINDS, JointErrors, JointTerms, identifiable_table, points
 from calib_solver.error_models.joint_errors import chosen_kinds, table_with
-from calib_solver.fitting import Options
+from calib_solver.fitting import AUTO, Options
 from calib_solver.identification import identify
 from calib_solver.problem import Problem, accumulate, point_jacobian
 from calib_solver.quality import assess, probed_points
@@ -154,9 +154,12 @@ def test_too_few_locations_are_not_asked(plain):
 
 
 def test_what_cannot_be_offered_is_refused_at_once(plain):
-    with pytest.raises(DataError, match="no joint error 'backlash': expected encoder or"):
+    with pytest.raises(
+        DataError, match="no joint error 'backlash': expected one of auto, none, encoder"
+    ):
         identify(plain.measured, Options(joint_errors=('backlash',)))
     with pytest.raises(DataError, match='masses of the links are not given'):
         identify(plain.measured, Options(joint_errors=('compliance',)))
     assert chosen_kinds(' encoder, compliance,encoder ') == ('encoder', 'compliance')
-    assert chosen_kinds('') == ()
+    assert chosen_kinds('') == chosen_kinds('auto') == (AUTO,)
+    assert chosen_kinds('none') == ()

@@ -15,7 +15,7 @@ from calib_solver.faults.encoder_jumps import large_jumps, likely_jumps, without
 from calib_solver.faults.residual_projection import ResidualProjection, rough_spread
 from calib_solver.faults.stuck_styli import set_apart, stuck_stretches
 from calib_solver.faults.warnings import parameter_warnings
-from calib_solver.fitting import DEFAULT_PRIOR
+from calib_solver.fitting import USUAL_PRIOR
 from calib_solver.identification import identify
 from calib_solver.problem import Problem
 
@@ -47,14 +47,14 @@ def test_a_jump_of_any_size_is_found_with_its_joint_size_and_moment(make, size):
     # within a location: between two of them the gauge might as well have turned
     wrong = jumped(measured, 2, size, 99)
     table = table_of(wrong)
-    found = large_jumps(wrong, table, DEFAULT_PRIOR.sigmas(table))[0]
+    found = large_jumps(wrong, table, USUAL_PRIOR.sigmas(table))[0]
     assert (found.joint, found.last) == (2, None)
     assert abs(found.first - 99) <= 1
     assert found.size == pytest.approx(size, rel=0.02)
     mended = rough_spread(
-        Problem.of(jumped(wrong, 2, -found.size, found.first)), table, DEFAULT_PRIOR.sigmas(table)
+        Problem.of(jumped(wrong, 2, -found.size, found.first)), table, USUAL_PRIOR.sigmas(table)
     )
-    assert mended < rough_spread(Problem.of(wrong), table, DEFAULT_PRIOR.sigmas(table)) / 4
+    assert mended < rough_spread(Problem.of(wrong), table, USUAL_PRIOR.sigmas(table)) / 4
 
 
 def test_a_jump_and_back_is_told_from_one_for_good(measured):
@@ -116,7 +116,7 @@ def changed(measured, share=0.0, **lengths):
         if parameter.kind in ('a', 'd'):
             full[row] *= 1 + share
         full[row] += lengths.get(parameter.name, 0.0)
-    return table, full, DEFAULT_PRIOR.sigmas(table)
+    return table, full, USUAL_PRIOR.sigmas(table)
 
 
 def test_lengths_that_all_grow_by_more_than_arms_do_are_a_matter_of_scale(measured):

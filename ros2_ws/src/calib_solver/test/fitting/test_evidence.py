@@ -14,7 +14,7 @@ from calib_model.transforms import RigidTransform
 from calib_solver.fitting.evidence import Group, widths
 from calib_solver.fitting.objectives import Quadratic
 from calib_solver.fitting.options import Options
-from calib_solver.fitting.prior import EVIDENCE_PRIOR, NO_PRIOR
+from calib_solver.fitting.prior import DEFAULT_PRIOR, NO_PRIOR
 from calib_solver.identification import identify
 
 pytestmark = pytest.mark.timeout(60)
@@ -25,7 +25,7 @@ def linear(seed):
     offsets x (8,), and the noise's variance."""
     generator = np.random.default_rng(seed)
     slope = generator.normal(size=(40, 8)) * np.logspace(3, 0, 8)
-    group = Group(np.array([2e-3, 5e-4] * 4), np.array([0, 1] * 4))
+    group = Group(np.array([2e-3, 5e-4] * 4), np.array([0, 1] * 4), np.zeros(8, dtype=bool))
     truth = group.sigma * np.array([3.0, 0.4])[group.kind] * generator.normal(size=8)
     x = 1e-3 * generator.normal(size=8)
     residual = slope @ (x - truth) + 0.01 * generator.normal(size=40)
@@ -55,7 +55,7 @@ def test_the_widths_are_those_that_scipy_finds_most_likely(seed):
 
 def test_what_is_not_told_at_all_stays_as_usual():
     nothing = Quadratic(1.0, np.zeros(3), np.zeros((3, 3)), 10.0)
-    group = Group(np.full(3, 1e-3), np.zeros(3, dtype=np.int64))
+    group = Group(np.full(3, 1e-3), np.zeros(3, dtype=np.int64), np.zeros(3, dtype=bool))
     found = widths(nothing, np.zeros(3), 0.1, group, np.full(1, 10.0))
     np.testing.assert_allclose(found.times, 1.0, rtol=0.02)
 
@@ -77,7 +77,7 @@ def zeros_off(seed, degrees, poses):
 @pytest.mark.parametrize('seed', range(4))
 def test_zeros_that_are_degrees_off_are_found_and_said_to_be_far_off(seed):
     scene = zeros_off(seed, 6.0, 8)
-    priors = (EVIDENCE_PRIOR, NO_PRIOR)
+    priors = (DEFAULT_PRIOR, NO_PRIOR)
     done, plain = (identify(scene.measured, Options(prior=prior)) for prior in priors)
     assert done.fit.converged
     errors = [scene.prediction_error(one.arm, one.probe) for one in (done, plain)]
@@ -91,9 +91,7 @@ def test_the_probes_mount_is_never_held_wider_than_it_can_be():
     far = RigidTransform(np.array([0.1, -0.1, 0.2]))
     probe = scene.measured.probe.__class__('seat', far, scene.measured.probe.center)
     measured = Measurement(kr5(), probe, GAUGE, scene.measured.poses, 'elsewhere')
-    done = identify(measured, Options(prior=EVIDENCE_PRIOR))
-    width = (
-        EVIDENCE_PRIOR.sigma['probe_translation'] * done.options.prior.times['probe_translation']
-    )
+    done = identify(measured, Options(prior=DEFAULT_PRIOR))
+    width = DEFAULT_PRIOR.sigma['probe_translation'] * done.options.prior.times['probe_translation']
     assert width <= 0.5
     assert scene.prediction_error(done.arm, done.probe) < 5e-3

@@ -10,7 +10,14 @@ from simulated_calibration import kr5, passive, simulate
 from calib_model.errors import DescriptionError
 from calib_model.kinematics import DEFAULT_SIGMA, identifiable_table
 from calib_solver.fitting.options import Options
-from calib_solver.fitting.prior import DEFAULT_PRIOR, NO_PRIOR, Prior, chosen_prior, parse_prior
+from calib_solver.fitting.prior import (
+    DEFAULT_PRIOR,
+    NO_PRIOR,
+    USUAL_PRIOR,
+    Prior,
+    chosen_prior,
+    parse_prior,
+)
 from calib_solver.identification import identify
 
 pytestmark = pytest.mark.timeout(60)
@@ -20,7 +27,7 @@ pytestmark = pytest.mark.timeout(60)
 def test_noise_free_data_are_not_biased_by_a_prior_however_strong():
     scene = simulate(kr5(), passive(), 41, poses=14)
     narrow = {kind: sigma / 30 for kind, sigma in DEFAULT_SIGMA.items()}
-    for prior in (DEFAULT_PRIOR, Prior(DEFAULT_SIGMA, 1000.0), Prior(narrow, 1.0)):
+    for prior in (USUAL_PRIOR, Prior(DEFAULT_SIGMA, 1000.0), Prior(narrow, 1.0)):
         done = identify(scene.measured, Options(prior=prior))
         assert done.fit.converged
         assert done.identified.phi < 1e-20
@@ -68,7 +75,7 @@ def test_with_few_poses_a_prior_predicts_better_than_none():
     ]
     without = prediction_error(NO_PRIOR, scenes)
     assert prediction_error(Prior(DEFAULT_SIGMA, 1.0), scenes) < 0.7 * without
-    assert prediction_error(DEFAULT_PRIOR, scenes) < 0.75 * without
+    assert prediction_error(USUAL_PRIOR, scenes) < 0.75 * without
 
 
 @pytest.mark.slow
@@ -77,12 +84,12 @@ def test_with_many_poses_the_default_prior_does_not_hurt():
         simulate(kr5(), passive(), seed, locations=6, poses=40, noise=1e-4) for seed in range(3)
     ]
     without = prediction_error(NO_PRIOR, scenes)
-    assert prediction_error(DEFAULT_PRIOR, scenes) < 1.1 * without
+    assert prediction_error(USUAL_PRIOR, scenes) < 1.1 * without
 
 
 def test_every_free_parameter_has_a_sigma_and_strength_weighs_them():
     table = identifiable_table(kr5(), passive())
-    sigmas = DEFAULT_PRIOR.sigmas(table)
+    sigmas = USUAL_PRIOR.sigmas(table)
     assert sigmas.shape == (len(table.free),)
     assert dict(zip([p.name for p in table.free], sigmas, strict=True))['alpha1'] == 1e-3
     np.testing.assert_allclose(Prior(DEFAULT_SIGMA, 3.0).information(table), 3 / sigmas**2)
@@ -102,6 +109,8 @@ def test_a_file_gives_sigmas_and_strength_and_keeps_the_other_defaults(tmp_path)
     [
         ('', DEFAULT_PRIOR),
         ('default', DEFAULT_PRIOR),
+        ('auto', DEFAULT_PRIOR),
+        ('2', USUAL_PRIOR),
         ('none', NO_PRIOR),
         ('0', NO_PRIOR),
         ('3.5', Prior(DEFAULT_SIGMA, 3.5)),

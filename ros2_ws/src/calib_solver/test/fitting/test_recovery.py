@@ -11,7 +11,7 @@ from calib_model.instruments import PassiveProbe
 from calib_model.transforms import RigidTransform
 from calib_solver.fitting.objectives import OBJECTIVES
 from calib_solver.fitting.options import Options
-from calib_solver.fitting.prior import DEFAULT_PRIOR, NO_PRIOR
+from calib_solver.fitting.prior import NO_PRIOR, USUAL_PRIOR
 from calib_solver.identification import identify
 
 pytestmark = pytest.mark.timeout(60)
@@ -59,7 +59,7 @@ def test_a_ball_next_to_the_last_axis_leaves_that_axis_unsure_and_says_so():
     measured = simulate(iiwa(), seat, 8, locations=4, poses=15, noise=5e-5, errors=0.1).measured
     hidden = {'a6', 'alpha6', 'd6', 'theta_0_6'}
     done = identify(measured, Options(prior=NO_PRIOR))
-    sigma = DEFAULT_PRIOR.sigmas(done.table)
+    sigma = USUAL_PRIOR.sigmas(done.table)
     unsure = done.uncertainty.standard > sigma
     assert {p.name for p, far in zip(done.table.free, unsure, strict=True) if far} <= hidden
     assert unsure.any()

@@ -1,0 +1,352 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A calibration judges itself: what it says of places that it was not told, and what is so there.
+
+Each gauge location is left out in turn, of a single location each region of postures. The fit
+without it is linear about the one with it, so that sums per sphere tell all of them at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from calib_model.arrays import Array
+from calib_model.instruments import Gauge
+from calib_solver.fitting import (
+    Fit,
+    Quadratic,
+    Solver,
+    distance_errors,
+    estimate_uncertainty,
+    fit_placement,
+)
+from calib_solver.problem import IntArray, Problem, SphereSums, gathered, take_groups
+
+#: more locations than this are left out several at a time
+MOST_FOLDS = 10
+#: regions of postures that a single location is cut into, none with fewer poses than this
+REGIONS, FEWEST_POSES = 5, 4
+#: the excess over what is stated counts from so many of its own standard deviations on
+SIGNIFICANT = 3.0
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """The rms error (m) of `count` predictions, the rms that was `stated` for them."""
+
+    rms: float
+    stated: float
+    count: int
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """What was left out in turn, `by` 'location' or 'posture', in so many `folds`.
+
+    `position` is each pose's distance from the certificate's best placement on what was left out,
+    `distance` that of lengths between its spheres. `factor` (1 or more) is by how much the stated
+    uncertainty of the parameters has to grow to explain these errors.
+    """
+
+    by: str
+    folds: int
+    position: Prediction
+    distance: Prediction | None
+    factor: float
+
+
+@dataclass(frozen=True)
+class _Fold:
+    """A problem and its sums without one part, the rows of `finer` sums that are this part, and
+    the rows of the distances left out with it."""
+
+    problem: Problem
+    sums: SphereSums
+    rows: IntArray
+    pairs: IntArray
+
+
+@dataclass(frozen=True)
+class _Errors:
+    """Of one fold, m^2: the sum of squares that is seen, that the noise and the certificate
+    explain, and that the parameters' uncertainty does; `spread` is the sum of squares of the
+    eigenvalues of what is stated, which says how far chance takes it."""
+
+    seen: float
+    noise: float
+    parameters: float
+    count: int
+    spread: float = 0.0
+
+
+def judge_left_out(problem: Problem, solver: Solver, fit: Fit, sums: SphereSums) -> LeftOut | None:
+    """Every part of a problem as the rest of it predicts it; None where it has no parts.
+
+    `fit` is the solver's minimum and `sums` those there.
+    """
+    if len(fit.x) == 0:
+        return None
+    by = 'location' if len(problem.locations) > 1 else 'posture'
+    finer, of_finer, folds = (
+        (problem, sums, _locations(problem, sums))
+        if by == 'location'
+        else _postures(problem, solver, fit)
+    )
+    if len(folds) < 2:
+        return None
+    placed = _Placed.at(finer, of_finer)
+    positions, distances = [], []
+    for fold in folds:
+        quadratic = solver.objective(fold.problem, fold.sums)
+        if quadratic.terms < 1:
+            return None
+        step = linear_step(quadratic, fit.kappa * solver.information, fit.x)
+        sure = estimate_uncertainty(
+            fold.problem,
+            solver.options.objective,
+            fold.sums,
+            quadratic,
+            fit.kappa,
+            solver.information,
+            solver.options.prior.strength,
+            solver.wider(fit),
+        )
+        noise = sure.noise**2
+        positions.append(placed.errors(finer, of_finer, fold.rows, step, sure.covariance, noise))
+        if len(fold.pairs):
+            distances.append(_distances(problem, sums, fold.pairs, step, sure.covariance, noise))
+    return LeftOut(
+        by,
+        len(folds),
+        _prediction(positions),
+        _prediction(distances) if distances else None,
+        max(_factor(positions, 0.0), _factor(distances, 1.0)),
+    )
+
+
+def left_out_warnings(left_out: LeftOut | None, named: bool) -> tuple[str, ...]:
+    """A line where what was left out was missed by more than was stated, and nothing was `named`
+    that it may come from."""
+    if left_out is None or left_out.factor == 1 or named:
+        return ()
+    position = left_out.position
+    part = 'locations' if left_out.by == 'location' else 'postures'
+    return (
+        f'{part} left out are missed by {position.rms * 1e3:.4f} mm where '
+        f'{position.stated * 1e3:.4f} mm was stated (rms): something is wrong that is not named '
+        'here, or the arm has errors beyond its parameters (joints that bend, encoders, backlash); '
+        f'stated uncertainties are enlarged {left_out.factor:.2g} times for it, which may not '
+        'cover postures far from those probed',
+    )
+
+
+def linear_step(quadratic: Quadratic, prior: Array, about: Array) -> Array:
+    """The step (F,) to the minimum of an objective taken as `quadratic`, with a prior that adds
+    `prior` (F,) to J'J about offsets -`about` (F,) from here."""
+    normal = quadratic.normal + np.diag(prior)
+    scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    values, vectors = np.linalg.eigh(scale[:, None] * normal * scale)
+    kept = values > 1e-13 * values.max(initial=1e-300)
+    along = vectors[:, kept].T @ (scale * (quadratic.gradient + prior * about)) / values[kept]
+    step: Array = -scale * (vectors[:, kept] @ along)
+    return step
+
+
+def _locations(problem: Problem, sums: SphereSums) -> list[_Fold]:
+    """Each gauge location left out, or several at a time."""
+    groups = problem.locations
+    count = min(len(groups), MOST_FOLDS)
+    every = np.arange(len(problem.keys))
+    folds = []
+    for first in range(count):
+        rows = np.sort(np.concatenate(groups[first::count]))
+        kept = gathered(problem, np.setdiff1d(every, rows))
+        own = np.flatnonzero(np.isin(problem.pairs, rows).any(axis=1))
+        folds.append(
+            _Fold(take_groups(problem, kept), _taken(sums, np.concatenate(kept)), rows, own)
+        )
+    return folds
+
+
+def _postures(
+    problem: Problem, solver: Solver, fit: Fit
+) -> tuple[Problem, SphereSums, list[_Fold]]:
+    """Each region of postures left out: poses next to one another along the direction in which the
+    joints vary most. The finer problem has each sphere once in every region."""
+    away = problem.joints - problem.joints.mean(axis=0)
+    along = away @ np.linalg.svd(away, full_matrices=False)[2][0]
+    count = min(REGIONS, len(along) // FEWEST_POSES)
+    if count < 2:
+        return problem, solver.sums(problem, fit.x), []
+    region = np.argsort(np.argsort(along)) * count // len(along) + 1
+    poses = problem.measured.poses
+    location = np.empty(len(region), dtype=np.int64)
+    location[problem.order] = region
+    measured = replace(problem.measured, poses=replace(poses, location=location))
+    finer = replace(Problem.of(measured), pairs=np.zeros((0, 2), dtype=np.int64))
+    finer = replace(finer, nominal=np.zeros(0), pair_weight=np.zeros(0))
+    # the gauge stood where it stood: one placement for what was cut into regions
+    stood = {
+        int(key[1]): int(one) for key, one in zip(problem.keys, problem.placement, strict=True)
+    }
+    finer = replace(finer, placement=np.array([stood[int(key[1])] for key in finer.keys]))
+    sums = solver.sums(finer, fit.x)
+    folds = []
+    for one in range(1, count + 1):
+        kept = np.flatnonzero(finer.keys[:, 0] != one)
+        spheres = [np.flatnonzero(finer.keys[kept, 1] == key[1]) for key in problem.keys]
+        present = np.flatnonzero([len(rows) > 0 for rows in spheres])
+        part = take_groups(problem, [present])
+        merged = _merged(sums, [kept[spheres[row]] for row in present])
+        rows = np.flatnonzero(finer.keys[:, 0] == one)
+        folds.append(_Fold(part, merged, rows, np.zeros(0, dtype=np.int64)))
+    return finer, sums, folds
+
+
+def _taken(sums: SphereSums, rows: IntArray) -> SphereSums:
+    return SphereSums(*(getattr(sums, field.name)[rows] for field in fields(SphereSums)))
+
+
+def _merged(sums: SphereSums, groups: list[IntArray]) -> SphereSums:
+    """The sums of spheres put together from the rows of each group."""
+    merged = [_one(_taken(sums, rows)) for rows in groups]
+    return SphereSums(
+        *(np.stack([getattr(one, field.name) for one in merged]) for field in fields(SphereSums))
+    )
+
+
+def _one(sums: SphereSums) -> SphereSums:
+    """Sums of several parts of one sphere as those of the whole."""
+    count = sums.count.sum()
+    share = sums.count / count
+    center, jacobian = share @ sums.center, np.einsum('s,skf->kf', share, sums.jacobian)
+    away, turned = sums.center - center, sums.jacobian - jacobian
+    return SphereSums(
+        count,
+        center,
+        jacobian,
+        sums.spread.sum(axis=0) + sums.count @ away**2,
+        sums.gradient.sum(axis=0) + np.einsum('s,sk,skf->f', sums.count, away, turned),
+        sums.normal.sum(axis=0) + np.einsum('s,skf,skg->fg', sums.count, turned, turned),
+    )
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """The means' residuals (3S,) to the certificate as placed, times the root of their counts, and
+    their `slope` (3S, F)."""
+
+    residual: Array
+    slope: Array
+    certified: Array
+
+    @classmethod
+    def at(cls, problem: Problem, sums: SphereSums) -> _Placed:
+        spheres, free = sums.gradient.shape
+        residual, slope = np.zeros((spheres, 3)), np.zeros((spheres, 3, free))
+        certified = np.zeros(spheres)
+        for rows in problem.placements:
+            fitted = fit_placement(problem, sums, rows)
+            residual[rows] = fitted.residual.reshape(-1, 3)
+            slope[rows] = fitted.slope.reshape(len(rows), 3, free)
+            certified[rows] = _of_centers(problem.measured.gauge, problem.keys[rows, 1])
+        return cls(residual, slope, certified)
+
+    def errors(
+        self,
+        problem: Problem,
+        sums: SphereSums,
+        rows: IntArray,
+        step: Array,
+        covariance: Array,
+        noise: float,
+    ) -> _Errors:
+        """Of the poses of some spheres, after a step (F,) that is sure to `covariance` (F, F)."""
+        free = len(step)
+        slope = self.slope[rows].reshape(-1, free)
+        moved = self.residual[rows].reshape(-1) + slope @ step
+        normal = sums.normal[rows].sum(axis=0)
+        bent = step @ normal @ step + 2 * sums.gradient[rows].sum(axis=0) @ step
+        seen = max(float(sums.spread[rows].sum() + bent), 0.0) + float(moved @ moved)
+        stated = covariance @ (normal + slope.T @ slope)
+        count = float(sums.count[rows].sum())
+        by_noise = noise * 3 * count + float(sums.count[rows] @ self.certified[rows])
+        by_parameters = float(np.trace(stated))
+        spread = float(np.sum(stated * stated.T)) + 2 * noise * by_parameters
+        return _Errors(seen, by_noise, by_parameters, round(count), spread + 3 * count * noise**2)
+
+
+def _of_centers(gauge: Gauge, numbers: IntArray) -> Array:
+    """The variance (k,) of the distance of each centre from its place, m^2, by the certificate."""
+    centers = np.array([gauge.center(int(number)) for number in numbers])
+    away = ((centers - centers.mean(axis=0)) ** 2).sum(axis=1)
+    variance: Array = 3 * (gauge.constant / 2) ** 2 / 2 + (gauge.proportional / 2) ** 2 * away
+    return variance
+
+
+def _distances(
+    problem: Problem,
+    sums: SphereSums,
+    rows: IntArray,
+    step: Array,
+    covariance: Array,
+    noise: float,
+) -> _Errors:
+    """Of some of the distances, after a step (F,) that is sure to `covariance` (F, F)."""
+    error, slope = distance_errors(problem, sums)
+    slope = slope[rows]
+    error = error[rows] + slope @ step
+    gauge = problem.measured.gauge
+    certified = [(gauge.distance_uncertainty(length) / 2) ** 2 for length in problem.nominal[rows]]
+    means = _by_means(problem, sums, rows)
+    by_noise = noise * means @ means.T + np.diag(certified)
+    by_parameters = slope @ covariance @ slope.T
+    return _Errors(
+        float(error @ error),
+        float(np.trace(by_noise)),
+        float(np.trace(by_parameters)),
+        len(rows),
+        float(((by_noise + by_parameters) ** 2).sum()),
+    )
+
+
+def _by_means(problem: Problem, sums: SphereSums, rows: IntArray) -> Array:
+    """How some distances go with the noise of their spheres' means (m, 3 k), those coordinates of
+    variance 1 per pose."""
+    pairs = problem.pairs[rows]
+    spheres, place = np.unique(pairs, return_inverse=True)
+    place = place.reshape(-1, 2)
+    between = sums.center[pairs[:, 0]] - sums.center[pairs[:, 1]]
+    unit = between / np.maximum(np.linalg.norm(between, axis=1), 1e-300)[:, None]
+    means = np.zeros((len(rows), len(spheres), 3))
+    each = np.arange(len(rows))
+    means[each, place[:, 0]], means[each, place[:, 1]] = unit, -unit
+    means /= np.sqrt(np.maximum(sums.count[spheres], 1e-300))[:, None]
+    return means.reshape(len(rows), -1)
+
+
+def _totals(errors: list[_Errors]) -> Iterator[float]:
+    for field in fields(_Errors):
+        yield float(sum(getattr(one, field.name) for one in errors))
+
+
+def _prediction(errors: list[_Errors]) -> Prediction:
+    seen, noise, parameters, count, _ = _totals(errors)
+    count = max(count, 1.0)
+    stated = float(np.sqrt((noise + parameters) / count))
+    return Prediction(float(np.sqrt(seen / count)), stated, int(count))
+
+
+def _factor(errors: list[_Errors], explained: float) -> float:
+    """By how much the parameters' stated deviations fall short of the errors seen, 1 or more.
+
+    Of the noise the part `explained` is taken for such. Where places scatter more than noise and
+    parameters explain, the scatter of poses is no noise either, but what the model does not say.
+    """
+    seen, noise, parameters, _, spread = _totals(errors)
+    excess = seen - noise - parameters
+    if parameters <= 0 or excess <= SIGNIFICANT * np.sqrt(2 * spread):
+        return 1.0
+    return float(np.sqrt((seen - explained * noise) / parameters))
