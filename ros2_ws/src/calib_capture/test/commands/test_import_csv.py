@@ -160,7 +160,7 @@ def test_the_controllers_own_count_is_offered_where_it_would_fit(run: Run) -> No
     third = TABLE.splitlines()[1].split(',')
     for value, said in (
         ('2.6', ': is it A3 as the controller shows it? (q = A3 -1.5708 rad)'),
-        ('126', ': is it A3 in degrees as the controller shows it?'),
+        ('150', ': is it A3 in degrees as the controller shows it?'),
         ('-150', ': is it in degrees?'),
         ('500', ': is it in degrees, or counted from another zero?'),
     ):

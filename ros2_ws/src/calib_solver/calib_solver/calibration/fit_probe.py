@@ -10,7 +10,7 @@ from calib_model.descriptions import probe_yaml
 from calib_model.errors import CalibrationError
 from calib_model.files import write_whole
 from calib_solver.calibration.sources import Sources, load
-from calib_solver.fitting import fit_probe
+from calib_solver.fitting import fit_probe, with_the_arms_share
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
 from calib_solver.results import Record, probe_fit_record, sphere_records, transform_record
@@ -34,7 +34,7 @@ def fit_probe_from(sources: Sources, output: str = '') -> Fitted:
     """
     measured = load(sources)
     problem = Problem.of(measured)
-    fit = fit_probe(problem)
+    fit = with_the_arms_share(problem, fit_probe(problem))
     probe = measured.probe.mounted(fit.flange_T_probe)
     record: Record = {
         'flange_T_probe': transform_record(fit.flange_T_probe),
@@ -53,6 +53,7 @@ def fit_probe_from(sources: Sources, output: str = '') -> Fitted:
         written = (path,)
     verdict = (
         f'P from {fit.poses} poses of {fit.spheres} spheres, '
-        f'residual {fit.residual_rms * 1e3:.4f} mm rms'
+        f'residual {fit.residual_rms * 1e3:.4f} mm rms; '
+        'the uncertainty takes it for errors of the arm, which is not calibrated here'
     )
     return Fitted(record, verdict, written)

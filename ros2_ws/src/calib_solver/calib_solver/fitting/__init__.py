@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from calib_solver.fitting.probe_mount import (
         ProbeFit as ProbeFit,
         fit_probe as fit_probe,
+        with_the_arms_share as with_the_arms_share,
     )
     from calib_solver.fitting.solver import (
         Accumulate as Accumulate,

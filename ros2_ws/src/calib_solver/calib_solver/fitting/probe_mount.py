@@ -3,15 +3,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib_model.arrays import Array
 from calib_model.blas_threads import one_blas_thread
 from calib_model.errors import RankError
-from calib_model.instruments import PassiveProbe
-from calib_model.kinematics import DEFAULT_SIGMA
+from calib_model.instruments import JOINT_PARAMETERS, PassiveProbe
+from calib_model.kinematics import DEFAULT_SIGMA, ParameterTable
 from calib_model.transforms import (
     RigidTransform,
     left_jacobian,
@@ -20,14 +20,14 @@ from calib_model.transforms import (
     skew,
 )
 from calib_solver.fitting.levenberg_marquardt import minimise
-from calib_solver.fitting.objectives import Quadratic
+from calib_solver.fitting.objectives import Quadratic, distance_errors
 from calib_solver.fitting.probe_mount_linear import (
     LinearFit,
     MountSums,
     mount_sums,
     solve_linear,
 )
-from calib_solver.problem import Problem
+from calib_solver.problem import Problem, accumulate
 
 #: a rotation of P less sure than this (rad) is no rotation at all
 LARGEST_ROTATION_UNCERTAINTY = 0.2
@@ -138,15 +138,42 @@ def _scatter(problem: Problem, sums: MountSums, mount: Array, use_distances: boo
     unit = between / np.maximum(measured, 1e-300)[:, None]
     error = measured - problem.nominal
     slope = np.einsum('mk,mkf->mf', unit, moved[first] - moved[second])
-    weight = 1 / (1 / sums.weight[first] + 1 / sums.weight[second])
-    # a location of k spheres has k(k-1)/2 distances, of which its 2k-3 or so are independent
-    weight = weight / _redundancy(problem)
+    weight = _weight(problem, sums.weight)
     return total + Quadratic(
         float(weight @ error**2),
         slope.T @ (weight * error),
         slope.T @ (weight[:, None] * slope),
         float(len(error)),
     )
+
+
+def with_the_arms_share(problem: Problem, fit: ProbeFit) -> ProbeFit:
+    """The fit with the uncertainty that an arm which is not calibrated gives it.
+
+    Residuals that come of the arm's errors do not average out over poses. They are taken for
+    errors of all its D-H parameters, in the proportion that is usual, as large as the residuals
+    say; what these do to P, to first order, is added.
+    """
+    measured = problem.measured
+    table = ParameterTable.of(measured.arm, measured.probe.mounted(fit.flange_T_probe))
+    sums = accumulate(problem, table, table.nominal)
+    normal = sums.normal.sum(axis=0)
+    if len(problem.pairs):
+        _, slope = distance_errors(problem, sums)
+        normal = normal + slope.T @ (_weight(problem, sums.count)[:, None] * slope)
+    of_arm = np.array([parameter.kind in JOINT_PARAMETERS for parameter in table.free], dtype=bool)
+    mount = np.isin(table.free_columns, np.arange(len(table.names))[table.mount])
+    sigma = np.array([DEFAULT_SIGMA[one.kind] for one in table.free])[of_arm]
+    moved = (
+        np.linalg.pinv(normal[np.ix_(mount, mount)], rcond=1e-20) @ normal[np.ix_(mount, of_arm)]
+    )
+    left = normal[np.ix_(of_arm, of_arm)] - normal[np.ix_(of_arm, mount)] @ moved
+    expected = float(sigma**2 @ np.diag(left))
+    times = fit.residual_rms**2 * 3 * len(problem.joints) / max(expected, 1e-300)
+    by_arm = times * (moved * sigma**2) @ moved.T
+    turn = _about_the_flange(fit.flange_T_probe)
+    variance = fit.standard_uncertainty**2 + np.diag(turn @ by_arm @ turn.T)
+    return replace(fit, standard_uncertainty=np.sqrt(variance))
 
 
 def _redundancy(problem: Problem) -> Array:
@@ -156,10 +183,25 @@ def _redundancy(problem: Problem) -> Array:
     return np.maximum(shared, 1.0)
 
 
+def _weight(problem: Problem, count: Array) -> Array:
+    """What a distance weighs (M,) beside a single pose, by the poses (S,) of its spheres."""
+    first, second = problem.pairs.T
+    weight: Array = 1 / (1 / count[first] + 1 / count[second])
+    # a location of k spheres has k(k-1)/2 distances, of which its 2k-3 or so are independent
+    return weight / _redundancy(problem)
+
+
+def _about_the_flange(mount: RigidTransform) -> Array:
+    """What takes translation and rotation vector to translation and a turn about the flange's axes
+    (6, 6)."""
+    turn = np.eye(6)
+    turn[3:, 3:] = left_jacobian(mount.rotation_vector)
+    return turn
+
+
 def _uncertainty(quadratic: Quadratic, mount: RigidTransform) -> Array:
     freedom = max(quadratic.terms - 6, 1)
     covariance = quadratic.phi / freedom * np.linalg.pinv(quadratic.normal, rcond=1e-20)
-    turn = np.eye(6)
-    turn[3:, 3:] = left_jacobian(mount.rotation_vector)
+    turn = _about_the_flange(mount)
     uncertainty: Array = np.sqrt(np.maximum(np.diag(turn @ covariance @ turn.T), 0.0))
     return uncertainty

@@ -11,8 +11,13 @@ from simulated_calibration import GAUGE, active, iiwa, kr5, passive, simulate, t
 
 from calib_model.errors import RankError
 from calib_model.kinematics import forward_kinematics
-from calib_model.transforms import RigidTransform, nearest_rotation, rotation_matrix
-from calib_solver.fitting.probe_mount import fit_probe
+from calib_model.transforms import (
+    RigidTransform,
+    nearest_rotation,
+    rotation_matrix,
+    rotation_vector,
+)
+from calib_solver.fitting.probe_mount import fit_probe, with_the_arms_share
 from calib_solver.fitting.probe_mount_linear import linear_system, solve_linear
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
@@ -218,3 +223,27 @@ def test_turning_the_last_joint_alone_lacks_rank():
     poses = replace(scene.measured.poses, joints=joints)
     with pytest.raises(RankError, match='lacks rank'):
         fit_probe(Problem.of(replace(scene.measured, poses=poses)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('errors', 'noise'), [(1.0, 1e-5), (0.02, 5e-5)])
+def test_an_arm_that_is_not_calibrated_is_counted_in(errors, noise):
+    """The residuals come of few parameters of the arm: 600 poses average nothing out."""
+    scores, alone = [], []
+    for seed in range(20):
+        scene = simulate(kr5(), active(), 2000 + seed, 5, poses=30, noise=noise, errors=errors)
+        problem = Problem.of(scene.measured)
+        fit = fit_probe(problem)
+        counted = with_the_arms_share(problem, fit)
+        turned = fit.flange_T_probe.rotation @ scene.mount.rotation.T
+        off = np.concatenate(
+            [
+                fit.flange_T_probe.translation - scene.mount.translation,
+                rotation_vector(turned),
+            ]
+        )
+        scores.append(off / counted.standard_uncertainty)
+        alone.append(off[[0, 2]] / fit.standard_uncertainty[[0, 2]])
+    rms = np.sqrt(np.mean(np.square(scores), axis=0))
+    assert np.all((rms > 0.3) & (rms < 2.2)), rms
+    assert np.sqrt(np.mean(np.square(alone))) > 5
