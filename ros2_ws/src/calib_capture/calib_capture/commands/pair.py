@@ -18,7 +18,12 @@ from calib_capture.replaying import (
     paired_hand_guided,
     paired_program,
 )
-from calib_model.bags import read_notes, write_measurement
+from calib_model.bags import (
+    TEMPERATURE_NOTE,
+    read_notes,
+    read_temperature,
+    write_measurement,
+)
 from calib_model.bounds import PAIRING
 from calib_model.command_line import CommandParser, UsageError, number_from, run_command
 from calib_model.descriptions import parse_placements, read_description
@@ -82,7 +87,7 @@ def pair(
     _refuse_existing(out)
     places = None if placements is None else read_description(placements, parse_placements)
     paired = paired_program(raw, settings, places, correct_clock, Progress(sys.stderr))
-    _write(out, paired.measured)
+    _write(raw, out, paired.measured)
     return paired
 
 
@@ -98,7 +103,7 @@ def pair_hand_guided_bag(
     """
     _refuse_existing(out)
     paired = paired_hand_guided(raw, note, correct_clock, Progress(sys.stderr))
-    _write(out, paired.measured)
+    _write(raw, out, paired.measured)
     return paired
 
 
@@ -106,11 +111,13 @@ def _refuse_existing(out: Path) -> None:
     refuse_taken(out)
 
 
-def _write(out: Path, measured: Measurement) -> None:
+def _write(raw: Path, out: Path, measured: Measurement) -> None:
+    warm = read_temperature(raw)
+    notes = {TEMPERATURE_NOTE: warm.content()} if warm is not None else {}
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix='.pair-', dir=out.parent) as part:
-            write_measurement(Path(part) / out.name, measured, Progress(sys.stderr))
+            write_measurement(Path(part) / out.name, measured, Progress(sys.stderr), notes)
             (Path(part) / out.name).rename(out)
     except OSError as error:
         raise BagError(f'{out}: cannot be written: {error.strerror}') from error

@@ -35,7 +35,7 @@ from calib_capture.recording import (
     SourceError,
     several,
 )
-from calib_model.bags import FileAccount
+from calib_model.bags import TEMPERATURE_NOTE, FileAccount
 from calib_model.descriptions import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.errors import ParameterError
 from calib_model.instruments import PassiveProbe
@@ -214,16 +214,7 @@ class CaptureNode(Node):
         """Open the bag, or go on with the files it has, and start the run."""
         self.failure = None
         self._count_anew()
-        recorder = Recorder(
-            self.asked.output,
-            self.arm,
-            self.probe,
-            self.gauge,
-            self._announce,
-            time.time_ns(),
-            self.asked.steady,
-            earlier,
-        )
+        recorder = self._recorder(earlier)
         run = MeasuringRun(self.arm, program, self.asked.run, time.monotonic())
         self._session = ProgramSession(
             run,
@@ -237,6 +228,22 @@ class CaptureNode(Node):
         )
         return self._session
 
+    def _recorder(self, earlier: Sequence[FileAccount]) -> Recorder:
+        asked = self.asked
+        recorder = Recorder(
+            asked.output,
+            self.arm,
+            self.probe,
+            self.gauge,
+            self._announce,
+            time.time_ns(),
+            asked.steady,
+            earlier,
+        )
+        if asked.temperature is not None:
+            recorder.note(TEMPERATURE_NOTE, asked.temperature.content())
+        return recorder
+
     def begin_hand_guided(
         self, earlier: Sequence[FileAccount], noted: HandGuidedRecord
     ) -> HandGuidedSession:
@@ -248,16 +255,7 @@ class CaptureNode(Node):
         if self.asked.serve:  # else what came before is part of it
             self._count_anew()
         asked, now = self.asked, time.monotonic
-        recorder = Recorder(
-            asked.output,
-            self.arm,
-            self.probe,
-            self.gauge,
-            self._announce,
-            time.time_ns(),
-            asked.steady,
-            earlier,
-        )
+        recorder = self._recorder(earlier)
         finder = SphereFinder(self.arm, self.probe, self.gauge, noted.placements, noted.spheres)
         planned = len(finder.labels) * asked.program.poses_per_sphere
         session = HandGuidedSession(

@@ -12,6 +12,7 @@ from calib_capture.default_files import configured, explained
 from calib_capture.motion import BodySettings, parse_bodies
 from calib_capture.program import ProgramSettings
 from calib_capture.recording import RunSettings
+from calib_model.bags import HIGHEST, LOWEST, Temperature
 from calib_model.descriptions import parse_placements, read_description
 from calib_model.errors import ParameterError
 from calib_model.files import Folders, usual_writing
@@ -36,6 +37,8 @@ _CORRECT = (
 )
 DESCRIBED = ('arm', 'probe', 'gauge')
 PROGRAM, CONTINUOUS = 'program', 'continuous'
+#: deg C, of a gauge that nobody measured
+UNKNOWN = -1000.0
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,7 @@ class CaptureParameters:
     output: str
     program: ProgramSettings
     steady: SteadySettings
+    temperature: Temperature | None
     run: RunSettings
     wait_timeout: float
     resume: bool = False
@@ -88,6 +92,7 @@ class ParameterReader:
             self._text('output', 'capture', 'bag to write, a folder that is not there'),
             self._program(),
             steady,
+            self._temperature(),
             self._run(steady),
             self._number('wait_timeout', 30.0, 's to wait for arm and probe', 0.1, 1e5),
             self._flag('resume', 'go on with the bag in output, or begin it'),
@@ -175,6 +180,13 @@ class ParameterReader:
                 'lateness', default.lateness, 's that a message may be late', 0.0, 60.0
             ),
         )
+
+    def _temperature(self) -> Temperature | None:
+        text = 'deg C of the gauge, for the bag to tell; -1000: not measured'
+        celsius = self._number('temperature', UNKNOWN, text, UNKNOWN, HIGHEST)
+        text = 'K, standard uncertainty of the temperature'
+        sure = self._number('temperature_uncertainty', 0.0, text, 0.0, 100.0)
+        return Temperature(celsius, sure) if celsius > LOWEST else None
 
     def _run(self, steady: SteadySettings) -> RunSettings:
         default = RunSettings()

@@ -44,6 +44,14 @@ if TYPE_CHECKING:
         recover as recover,
         repair as repair,
     )
+    from calib_model.bags.temperature import (
+        HIGHEST as HIGHEST,
+        LOWEST as LOWEST,
+        TEMPERATURE_NOTE as TEMPERATURE_NOTE,
+        Temperature as Temperature,
+        read_temperature as read_temperature,
+        together as together,
+    )
     from calib_model.bags.writer import (
         BagWriter as BagWriter,
     )

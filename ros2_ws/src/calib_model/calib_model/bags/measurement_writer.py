@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from calib_model.bags import cdr
@@ -22,9 +23,13 @@ def write_descriptions(bag: BagWriter, arm: Arm, probe: Probe, gauge: Gauge, tim
 
 
 def write_measurement(
-    path: str | Path, measured: Measurement, progress: Progress | None = None
+    path: str | Path,
+    measured: Measurement,
+    progress: Progress | None = None,
+    notes: Mapping[str, dict[str, str]] | None = None,
 ) -> None:
-    """A measurement as a bag of its own; stamps become log times. `progress` hears how far it is.
+    """A measurement as a bag of its own, with `notes` by name; stamps become log times. `progress`
+    hears how far it is.
 
     Raises:
         BagError: there is something at `path` already, or it cannot be written.
@@ -32,6 +37,8 @@ def write_measurement(
     poses = measured.poses
     with BagWriter(path, chunk_size=1 << 20) as bag:
         start = int(poses.stamp[0]) if len(poses) else 0
+        for name, content in (notes or {}).items():
+            bag.note(name, content)
         write_descriptions(bag, measured.arm, measured.probe, measured.gauge, start)
         for i in paced(range(len(poses)), progress, f'writing {path}', 'poses', 256):
             stamp = int(poses.stamp[i])

@@ -17,6 +17,7 @@ from calib_model.instruments import (
     ActiveProbe,
     Arm,
     ControllerAxis,
+    Expansion,
     Gauge,
     Joint,
     PassiveProbe,
@@ -43,6 +44,7 @@ TRANSFORM_KEYS = ('translation', 'rotation_vector')
 LARGEST_BYTES = 4 * LARGEST_TEXT  # of a file, whatever the characters
 MOST_JOINTS = 100
 MOST_SPHERES = 1000
+LARGEST_EXPANSION = 1e-3  # 1/K: forty times that of aluminium
 
 
 def read_description(path: str | Path, parse: Callable[[str, str], T]) -> T:
@@ -169,7 +171,9 @@ def parse_gauge(text: str, source: str = 'gauge description') -> Gauge:
     Raises:
         DescriptionError: a key is missing, unknown, or has a value of the wrong kind.
     """
-    top = load_mapping(text, source, ('name', 'sphere_diameter', 'spheres', 'uncertainty'))
+    top = load_mapping(
+        text, source, ('name', 'sphere_diameter', 'spheres', 'uncertainty', 'expansion')
+    )
     diameter = top.number('sphere_diameter')
     if not diameter > 0:
         raise top.refuse('sphere_diameter', 'expected a diameter above zero')
@@ -189,7 +193,22 @@ def parse_gauge(text: str, source: str = 'gauge description') -> Gauge:
         uncertainty = top.mapping('uncertainty', ('constant', 'proportional'))
         constant = uncertainty.number('constant', 0.0)
         proportional = uncertainty.number('proportional', 0.0)
-    return Gauge(top.text('name'), diameter, tuple(spheres), constant, proportional)
+    expansion = _expansion(top) if 'expansion' in top else None
+    return Gauge(top.text('name'), diameter, tuple(spheres), constant, proportional, expansion)
+
+
+def _expansion(top: Fields) -> Expansion:
+    row = top.mapping('expansion', ('coefficient', 'uncertainty', 'reference'))
+    coefficient, uncertainty = row.number('coefficient'), row.number('uncertainty', 0.0)
+    if not abs(coefficient) <= LARGEST_EXPANSION:
+        span = f'-{LARGEST_EXPANSION:g} to {LARGEST_EXPANSION:g}'
+        raise row.refuse('coefficient', f'expected 1/K from {span}, as in 11.5e-6 of steel')
+    if not 0 <= uncertainty <= LARGEST_EXPANSION:
+        raise row.refuse('uncertainty', f'expected 1/K from 0 to {LARGEST_EXPANSION:g}')
+    reference = row.number('reference', 20.0)
+    if not -100 <= reference <= 200:
+        raise row.refuse('reference', 'expected deg C, as in 20.0')
+    return Expansion(coefficient, uncertainty, reference)
 
 
 def _triple(values: tuple[float, ...]) -> tuple[float, float, float]:
@@ -248,14 +267,15 @@ def probe_yaml(probe: Probe) -> str:
 
 def gauge_yaml(gauge: Gauge) -> str:
     """The YAML text of a gauge; every number comes back bit for bit."""
-    return yaml_text(
-        {
-            'name': gauge.name,
-            'sphere_diameter': gauge.sphere_diameter,
-            'spheres': [{'number': n, 'center': list(center)} for n, center in gauge.spheres],
-            'uncertainty': {'constant': gauge.constant, 'proportional': gauge.proportional},
-        }
-    )
+    content: dict[str, Any] = {
+        'name': gauge.name,
+        'sphere_diameter': gauge.sphere_diameter,
+        'spheres': [{'number': n, 'center': list(center)} for n, center in gauge.spheres],
+        'uncertainty': {'constant': gauge.constant, 'proportional': gauge.proportional},
+    }
+    if gauge.expansion is not None:
+        content['expansion'] = vars(gauge.expansion)
+    return yaml_text(content)
 
 
 class _Dumper(yaml.SafeDumper):

@@ -14,7 +14,9 @@ if TYPE_CHECKING:
         NDArrayBool as NDArrayBool,
     )
     from calib_model.instruments.gauge import (
+        Expansion as Expansion,
         Gauge as Gauge,
+        Scale as Scale,
     )
     from calib_model.instruments.plausibility import (
         refuse_impossible as refuse_impossible,

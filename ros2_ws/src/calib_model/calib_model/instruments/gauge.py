@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -13,11 +14,32 @@ from calib_model.errors import DataError
 
 
 @dataclass(frozen=True)
+class Expansion:
+    """What a gauge does with temperature: `coefficient` (1/K) with its standard `uncertainty`, and
+    the `reference` (deg C) that its certificate holds for."""
+
+    coefficient: float
+    uncertainty: float = 0.0
+    reference: float = 20.0
+
+
+@dataclass(frozen=True)
+class Scale:
+    """The `factor` on all certified lengths at a `temperature` (deg C), and its standard
+    uncertainty."""
+
+    temperature: float
+    factor: float
+    standard_uncertainty: float
+
+
+@dataclass(frozen=True)
 class Gauge:
     """Spheres of one diameter (m) with certified centres `(number, (x, y, z))` in the gauge frame.
 
     `constant` (m) and `proportional` (m/m) give the certificate's expanded uncertainty of a
-    distance L: constant + proportional * L; the chapter's (1 + 0.001 L) um, L in mm.
+    distance L: constant + proportional * L; the chapter's (1 + 0.001 L) um, L in mm. `scale` is
+    what was done to them for a temperature.
     """
 
     name: str
@@ -25,6 +47,8 @@ class Gauge:
     spheres: tuple[tuple[int, tuple[float, float, float]], ...]
     constant: float = 0.0
     proportional: float = 0.0
+    expansion: Expansion | None = None
+    scale: Scale | None = None
 
     @property
     def numbers(self) -> tuple[int, ...]:
@@ -54,6 +78,32 @@ class Gauge:
     def distance_uncertainty(self, length: float) -> float:
         """The certificate's expanded (k = 2) uncertainty of a distance `length` (m), in m."""
         return self.constant + self.proportional * length
+
+    def at(self, temperature: float, uncertainty: float = 0.0) -> Gauge:
+        """The gauge at a temperature (deg C) known to a standard `uncertainty` (K). What is not
+        known of its expansion is one scale error of all its lengths.
+
+        Raises:
+            DataError: its expansion is not known, or it is at some temperature already.
+        """
+        expansion = self.expansion
+        if expansion is None or self.scale is not None:
+            raise DataError(
+                f'{self.name}: at {temperature:g} deg C its lengths are not known without '
+                '`expansion: {coefficient, uncertainty, reference}` in its description'
+            )
+        above = temperature - expansion.reference
+        factor = 1 + expansion.coefficient * above
+        standard = math.hypot(expansion.uncertainty * above, expansion.coefficient * uncertainty)
+        grown = tuple(
+            (number, (factor * x, factor * y, factor * z)) for number, (x, y, z) in self.spheres
+        )
+        return replace(
+            self,
+            spheres=grown,
+            proportional=math.hypot(self.proportional, 2 * standard),
+            scale=Scale(temperature, factor, standard),
+        )
 
     def pairs(self) -> list[tuple[int, int]]:
         """Every pair of sphere numbers once, in the certificate's order."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib_model.bags import cut_files
+from calib_model.bags import Temperature, cut_files, read_temperature, together
 from calib_model.descriptions import (
     parse_arm,
     parse_gauge,
@@ -33,7 +33,8 @@ from calib_solver.quality import ProbedSpheres, assess
 class Sources:
     """Bags that make one measurement, and YAML files that take the place of their descriptions;
     `links` is a YAML or URDF file with what the arm's links weigh. Bags without poses are paired
-    and sorted as `raw` says, `anew` those with poses, too."""
+    and sorted as `raw` says, `anew` those with poses, too. `temperature` is the gauge's, in place
+    of what the bags' notes say."""
 
     bags: tuple[str, ...]
     arm: str = ''
@@ -42,6 +43,7 @@ class Sources:
     links: str = ''
     raw: RawSettings = RawSettings()
     anew: bool = False
+    temperature: Temperature | None = None
 
 
 def bag_list(text: str) -> tuple[str, ...]:
@@ -117,7 +119,8 @@ def load_all(sources: Sources, progress: Progress | None = None) -> Loaded:
         pace.end()
     sorted_bags = [part.raw for part in found if part.raw is not None]
     if not sorted_bags:
-        return Loaded(_joined([part.measured for part in found])[0]).without_duplicates()
+        measured = _joined([part.measured for part in found])[0]
+        return Loaded(_at_its_temperature(measured, sources)).without_duplicates()
     raw = RawSpheres.of(sorted_bags)
     numbered = iter(raw.measurements())
     parts = [part.measured if part.raw is None else next(numbered) for part in found]
@@ -128,7 +131,25 @@ def load_all(sources: Sources, progress: Progress | None = None) -> Loaded:
         if part.raw is not None
         for number in range(1, len(part.raw.locations) + 1)
     )
+    measured = _at_its_temperature(measured, sources)
     return Loaded(measured, replace(raw, locations=locations)).without_duplicates()
+
+
+def _at_its_temperature(measured: Measurement, sources: Sources) -> Measurement:
+    """With the gauge as long as it was, where its temperature is known."""
+    if sources.temperature is not None:
+        if not sources.temperature.plausible:
+            raise DataError(f'{sources.temperature.celsius:g} deg C is no temperature of a gauge')
+        found = [sources.temperature]
+    elif measured.gauge.expansion is None:
+        return measured
+    else:
+        told = (read_temperature(bag) for bag in sources.bags)
+        found = [one for one in told if one is not None]
+    if not found:
+        return measured
+    one = together(found)
+    return replace(measured, gauge=measured.gauge.at(one.celsius, one.uncertainty))
 
 
 def _joined(parts: Sequence[Measurement]) -> tuple[Measurement, list[int]]:

@@ -12,6 +12,7 @@ from calib_solver.results import (
     prior_words,
     quality_record,
     resampling_lines,
+    scale_words,
 )
 
 ROWS = (
@@ -53,6 +54,7 @@ def summary_text(calibration: Calibration) -> str:
     untold = calibration.record['diagnostics']['untold']
     lines += [f'not told by any such poses: {text}' for text in untold]
     lines += sure_lines(calibration.record)
+    lines.append(scale_words(done.problem.measured.gauge))
     if calibration.record['resampling'] is not None:
         lines += resampling_lines(calibration.record['resampling'])
     lines += prior_lines(calibration.record['diagnostics']['prior'])

@@ -7,7 +7,8 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 
-from calib_model.command_line import CommandParser, UsageError, run_command
+from calib_model import bags
+from calib_model.command_line import CommandParser, UsageError, number_from, run_command
 from calib_model.progress import Progress
 from calib_solver import calibration, error_models, fitting, report, resampling
 
@@ -60,6 +61,19 @@ def arguments() -> CommandParser:
     )
     parser.add_argument(
         '--gauge', default='', metavar='YAML', help="use this certificate, not the bag's"
+    )
+    parser.add_argument(
+        '--temperature',
+        type=number_from(-273.15, 500.0),
+        metavar='C',
+        help="of the gauge, deg C, not the bag's: its certified lengths are taken there",
+    )
+    parser.add_argument(
+        '--temperature-uncertainty',
+        type=number_from(0.0, 100.0),
+        default=0.0,
+        metavar='K',
+        help='standard uncertainty of --temperature (default: %(default)s)',
     )
     parser.add_argument(
         '--urdf',
@@ -166,6 +180,9 @@ def run(argv: Sequence[str] | None = None) -> calibration.Calibration:
     given = arguments().parse_args(argv)
     if given.urdf and not given.output:
         raise UsageError('--urdf needs --output DIR, where robot.urdf is written')
+    temperature = None
+    if given.temperature is not None:
+        temperature = bags.Temperature(given.temperature, given.temperature_uncertainty)
     options = fitting.Options(
         given.objective,
         tuple(given.fix),
@@ -184,6 +201,7 @@ def run(argv: Sequence[str] | None = None) -> calibration.Calibration:
         given.links,
         calibration.raw_settings(given),
         given.raw,
+        temperature,
     )
     test = [bag for group in given.test for bag in group]
     plan = resampling.Plan(given.monte_carlo, given.bootstrap, given.seed)

@@ -10,6 +10,7 @@ from typing import Any
 from calib_interfaces.msg import (
     Diagnostics,
     DistanceQuality,
+    GaugeScale,
     IdentifiedParameter,
     JointErrors,
     LeftOut,
@@ -117,7 +118,10 @@ def diagnostics(record: Record) -> Diagnostics:
     """The fit's account of itself."""
     prior = record['prior']
     widths = [filled(PriorWidth(), one) for one in prior['widths']]
-    message = filled(Diagnostics(), {**record, 'prior': PriorChoice(widths=widths)})
+    scale = filled(GaugeScale(), record['scale'] or {})
+    told = {**record, 'prior': PriorChoice(widths=widths), 'scale': scale}
+    message = filled(Diagnostics(), told)
+    message.has_scale = record['scale'] is not None
     message.prior.strength, message.prior.evidence = prior['strength'], prior['evidence']
     return message
 

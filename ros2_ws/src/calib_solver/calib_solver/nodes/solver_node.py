@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -17,6 +18,7 @@ from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
+from calib_model.bags import Temperature
 from calib_model.command_line import run_command
 from calib_model.errors import CalibrationError
 from calib_model.files import Folders, NotPermittedError, usual_reading, usual_writing
@@ -47,6 +49,8 @@ and /compensate with joint commands that really get there."""
 EXAMPLE = """\
 ros2 run calib_solver solver
   ros2 service call /identify calib_interfaces/srv/Identify "{bag: 'bags/demo/identification'}\""""
+#: deg C: a request that says less, or NaN, says nothing
+NO_TEMPERATURE = -273.15
 THREADS, LONG = 6, 4  # of which identifications take so many at most: the rest answers others
 READ = 'folders that callers may have bags and descriptions read from'
 WRITTEN = 'folders that callers may have results written in'
@@ -308,7 +312,20 @@ def _with_raw(request: Identify.Request) -> Sources:
         tuple(request.joints),
     )
     choice = RawSettings(topics, tuple(int(number) for number in request.spheres))
-    return replace(_sources(request), links=request.links, raw=choice, anew=request.raw)
+    return replace(
+        _sources(request),
+        links=request.links,
+        raw=choice,
+        anew=request.raw,
+        temperature=_temperature(request),
+    )
+
+
+def _temperature(request: Identify.Request) -> Temperature | None:
+    if not request.temperature > NO_TEMPERATURE:  # NaN, too
+        return None
+    sure = request.temperature_uncertainty
+    return Temperature(request.temperature, 0.0 if math.isnan(sure) else sure)
 
 
 def _executor() -> MultiThreadedExecutor:

@@ -19,6 +19,7 @@ from calib_model.measurement import ProbingSet
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
 from calib_solver.report.html import counted, facts, mm, paragraph, part, table
+from calib_solver.results import scale_words
 
 PACKAGES = ('calib_solver', 'calib_model', 'numpy', 'mcap')
 #: stamps (ns) before 2001 are no time of day but a count
@@ -60,6 +61,7 @@ def instruments(done: Identification, held_out: HeldOut | None) -> str:
             f'U (k = 2) of a distance L: {_distance_uncertainty(gauge)}; the centres '
             'are listed at the end',
         ),
+        ('Temperature', f'{scale_words(gauge)}.'),
         ('Identified from', _taken(done.problem.measured.poses, len(done.rejected))),
     ]
     if held_out is not None:
@@ -67,8 +69,7 @@ def instruments(done: Identification, held_out: HeldOut | None) -> str:
     rows.append(
         (
             'Not recorded',
-            'temperature, serial numbers, the certificate\u2019s number: '
-            'the bags do not hold them.',
+            'serial numbers, the certificate\u2019s number: the bags do not hold them.',
         )
     )
     return facts(rows)

@@ -8,6 +8,7 @@ from calib_model.lazy import lazily
 if TYPE_CHECKING:
     from calib_solver.results.diagnostics import (
         prior_words as prior_words,
+        scale_words as scale_words,
     )
     from calib_solver.results.files import (
         probe_fit_record as probe_fit_record,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from calib_model.arrays import Array
+from calib_model.instruments import Gauge
 from calib_solver.identification import Identification
 
 #: kinds of an arm's parameters, for people
@@ -25,7 +26,7 @@ FURTHER = 2.0
 def diagnostics_record(done: Identification) -> dict[str, Any]:
     """What `result.json` says under `diagnostics`, SI."""
     sure = done.workspace.uncertainty(done.uncertainty.covariance)
-    deviation = done.identified.deviation
+    deviation, gauge = done.identified.deviation, done.problem.measured.gauge
     return {
         'rank': done.observability.rank,
         'free': len(done.fit.x),
@@ -38,7 +39,29 @@ def diagnostics_record(done: Identification) -> dict[str, Any]:
         'by_location': by_location(done, deviation),
         'by_joint': by_joint(done, deviation),
         'untold': list(done.untold),
+        'scale': vars(gauge.scale) if gauge.scale is not None else None,
     }
+
+
+def scale_words(gauge: Gauge) -> str:
+    """What the temperature does to all lengths, or would if it were known."""
+    expansion, scale = gauge.expansion, gauge.scale
+    if expansion is None:
+        return (
+            "neither the gauge's temperature nor its expansion is given: of steel, each kelvin "
+            'from that of its certificate is 11.5 um/m of every length'
+        )
+    per_kelvin = f'{expansion.coefficient * 1e6:.3g} um/m'
+    if scale is None:
+        return (
+            f"the gauge's temperature is not given: each kelvin from {expansion.reference:g} deg C "
+            f'is {per_kelvin} of every length'
+        )
+    return (
+        f"the gauge's lengths are taken at {scale.temperature:g} deg C: "
+        f'{(scale.factor - 1) * 1e6:+.2f} um/m, sure to '
+        f'{scale.standard_uncertainty * 1e6:.2f} um/m ({per_kelvin} a kelvin)'
+    )
 
 
 def prior_record(done: Identification) -> dict[str, Any]:
