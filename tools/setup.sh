@@ -84,7 +84,9 @@ build_packages() {
   local log=ros2_ws/log/set-up.txt
   mkdir -p ros2_ws/log
   # The venv is no colcon workspace, which colcon remarks on; what it says is shown if it fails.
-  if ! (cd ros2_ws && colcon build --symlink-install --packages-select "$@") >"$log" 2>&1; then
+  # Left to itself colcon lets make wait for a quiet machine.
+  if ! (cd ros2_ws && MAKEFLAGS=${MAKEFLAGS:--j$(nproc)} colcon build --symlink-install \
+    --packages-select "$@") >"$log" 2>&1; then
     cat "$log" >&2
     echo "set-up: the build failed, see above (also in $log)" >&2
     exit 1

@@ -7,6 +7,8 @@ import time
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+
 from calib_model.arrays import Array
 from calib_model.blas_threads import one_blas_thread
 from calib_model.instruments import Arm, PassiveProbe, Probe
@@ -38,6 +40,7 @@ from calib_solver.faults import (
 )
 from calib_solver.fitting import (
     AUTO,
+    DEFAULT_PRIOR,
     LEADING,
     Accumulate,
     Fit,
@@ -54,11 +57,17 @@ from calib_solver.fitting import (
     objective,
     observe,
     over_workspace,
+    problem_at,
 )
 from calib_solver.left_out import LeftOut, judge_left_out, left_out_warnings
 from calib_solver.preparation import Prepared, checked_options, prepare
 from calib_solver.problem import Problem, SphereSums, accumulate
 from calib_solver.quality import Quality, assess
+
+#: m, poses of a sphere that lie further apart than that (rms) are looked into
+SMALL = 3e-4
+#: a prior that was given is in the way where without it they lie this part of that apart
+LESS = 0.5
 
 
 @dataclass(frozen=True)
@@ -103,6 +112,17 @@ class Identification:
     def workspace(self) -> Workspace:
         """Postures all over the workspace, and how the probed point goes with the parameters."""
         return over_workspace(self.problem, self.table, self.full)
+
+    @cached_property
+    def position_uncertainty(self) -> Array:
+        """Standard uncertainty (K,), m, of positions over the workspace, with eq. 12's share."""
+        workspace = self.workspace
+        sure = workspace.uncertainty(self.uncertainty.covariance)
+        beyond = self.choice_12.coefficients if self.choice_12 is not None else None
+        if beyond is None:
+            return sure
+        there = problem_at(self.problem, workspace.joints)
+        return np.sqrt(sure**2 + beyond.variance(there, self.table, self.full))
 
     @cached_property
     def untold(self) -> tuple[str, ...]:
@@ -288,9 +308,28 @@ def _warnings(
         + named_scale(done.table, done.full, solver.scale)
         + parameter_warnings(done.table, done.full, solver.scale, done.uncertainty.standard)
     )
+    if done.identified.spread > SMALL and not prepared.stuck_throughout:
+        of_poses = _held_away(prepared, solver, done.identified.spread) or of_poses
     named = bool(of_poses or of_distances or of_certificate or prepared.stuck_throughout)
     of_left_out = left_out_warnings(done.left_out, named)
     return of_poses + prepared.warnings + of_distances + of_result + of_left_out
+
+
+def _held_away(prepared: Prepared, solver: Solver, spread: float) -> tuple[str, ...]:
+    """A line where it is the prior that was given which leaves poses a `spread` (m) apart."""
+    given = solver.options.prior
+    if given.evidence or given.strength == 0 or solver.options.objective == 'distance':
+        return ()
+    free = replace(prepared.solver, options=replace(solver.options, prior=DEFAULT_PRIOR))
+    _, descent = free.solve(prepared.problem, replace(prepared.descent, times=None))
+    arm, probe = free.arm_and_probe(prepared.problem, descent)
+    left = assess(prepared.problem, arm, probe).spread
+    if left > LESS * spread:
+        return ()
+    return (
+        f'the prior holds the arm away from what the poses say: they lie {spread * 1e3:.4f} mm '
+        f'apart (rms), and {left * 1e3:.4f} mm by --prior auto; this result is not to be used',
+    )
 
 
 def _corrected(done: Identification) -> Identification:

@@ -74,6 +74,7 @@ class CorrectionChoice:
     distance: tuple[float, float] | None = None
     folds: int = 0
     correction: Correction | None = None
+    coefficients: Coefficients | None = None
 
 
 def checked_choice(choice: str) -> str:
@@ -114,18 +115,24 @@ def fit_correction(
         for strength in STRENGTHS
     }
     gains = {key: scores.against(without) for key, scores in found.items()}
-    best = min(gains, key=lambda key: gains[key].change)
+    good = [key for key, gain in gains.items() if gain.convinces and gain.harmless]
+    best = min(good or gains, key=lambda key: gains[key].change)
     basis, strength = best
     gain, scores = gains[best], found[best]
-    accepted = gain.convinces or forced
+    accepted = bool(good) or forced
     what = f'{_words(*basis)}, strength {strength:g}'
     change = (
         f'locations left out change by {gain.words}, their 2 sigma from '
         f'{without.two_sigma_rms * 1e3:.4f} to {scores.two_sigma_rms * 1e3:.4f} mm rms'
     )
-    how = 'accepted' if gain.convinces else 'taken as asked' if forced else 'refused'
+    how = 'accepted' if good else 'taken as asked' if forced else 'refused'
+    if gain.convinces and not gain.harmless:
+        change += f', but of one by {100 * (np.exp(gain.worst) - 1):+.1f} %'
     verdict = f'correction of eq. 12 {how}: {what}: {change}'
-    step = judge.fit(columns.of(*basis), strength * columns.information, nothing, judge.whole)
+    taken, information = columns.of(*basis), strength * columns.information
+    step = judge.fit(taken, information, nothing, judge.whole)
+    held = judge.whole.normal[np.ix_(taken, taken)] + kappa * np.diag(information[taken])
+    sure = np.asarray(kappa * np.linalg.inv(held), dtype=np.float64)
     names = problem.measured.arm.joint_names
     turn, shift, attitude = basis
     return CorrectionChoice(
@@ -140,7 +147,25 @@ def fit_correction(
         (without.distance_rms, scores.distance_rms),
         len(judge.folds),
         columns.correction(step, basis, names, table.joint_errors(full)) if accepted else None,
+        Coefficients(columns, taken, sure) if accepted else None,
     )
+
+
+@dataclass(frozen=True)
+class Coefficients:
+    """How sure the coefficients of eq. 12 are that were `taken` (K,) of all columns: `covariance`
+    (K, K), m^2 or rad^2."""
+
+    columns: _Columns
+    taken: IntArray
+    covariance: Array
+
+    def variance(self, problem: Problem, table: ParameterTable, full: Array) -> Array:
+        """What that makes of the points of a problem's poses (N,), m^2, coordinates together."""
+        _, moved = self.columns.at(problem, table, full, np.arange(len(problem.joints)))
+        moved = moved[:, :, self.taken]
+        variance: Array = np.einsum('nkf,fg,nkg->n', moved, self.covariance, moved)
+        return variance
 
 
 def _words(turn: int, shift: int, attitude: int) -> str:

@@ -29,13 +29,20 @@ ROUNDING = 1e-12
 @dataclass(frozen=True)
 class Gain:
     """By which factor the rms of what was left out changes, as the mean of its logarithm over the
-    `folds`, `change`, with that mean's `standard_error`; `before` and `after` are the rms, m."""
+    `folds`, `change`, with that mean's `standard_error`, and of the fold that does worst, `worst`;
+    `before` and `after` are the rms, m."""
 
     change: float
     standard_error: float
     before: float
     after: float
     folds: int
+    worst: float = 0.0
+
+    @property
+    def harmless(self) -> bool:
+        """Whether no location that is left out gets worse."""
+        return self.worst <= 0
 
     @property
     def convinces(self) -> bool:
@@ -94,6 +101,7 @@ class Scores:
             float(np.sqrt(other.mean())),
             float(np.sqrt(own.mean())),
             len(change),
+            float(change.max()),
         )
 
 

@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from calib_solver.fitting.workspace import (
         Workspace as Workspace,
         over_workspace as over_workspace,
+        problem_at as problem_at,
         workspace_at as workspace_at,
     )
 else:

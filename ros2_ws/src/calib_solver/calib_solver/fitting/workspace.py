@@ -36,15 +36,20 @@ class Workspace:
         return np.sqrt(np.maximum(variance, 0.0))
 
 
-def workspace_at(problem: Problem, table: ParameterTable, full: Array, joints: Array) -> Workspace:
-    """The workspace at postures (K, n), rad, with all columns `full` (C,) of the table."""
-    count = len(joints)
-    measured = problem.measured
+def problem_at(problem: Problem, joints: Array) -> Problem:
+    """Poses at postures (K, n), rad, of a problem's arm and probe, the readings what they mostly
+    are."""
+    count, measured = len(joints), problem.measured
     sphere = measured.gauge.numbers[0]
     middle = median(measured.poses.displacement)
     poses = ProbingSet.of([1] * count, [sphere] * count, joints, np.tile(middle, (count, 1)))
-    there = Problem.of(type(measured)(measured.arm, measured.probe, measured.gauge, poses))
-    points, jacobian = point_jacobian(there, table, full, np.arange(count))
+    return Problem.of(type(measured)(measured.arm, measured.probe, measured.gauge, poses))
+
+
+def workspace_at(problem: Problem, table: ParameterTable, full: Array, joints: Array) -> Workspace:
+    """The workspace at postures (K, n), rad, with all columns `full` (C,) of the table."""
+    there = problem_at(problem, joints)
+    points, jacobian = point_jacobian(there, table, full, np.arange(len(joints)))
     return Workspace(joints, points, jacobian[:, :, table.free_columns])
 
 

@@ -16,7 +16,7 @@ LEVELS = 5
 
 def workspace_charts(done: Identification, held_out: HeldOut | None) -> list[Chart]:
     """The gauge from above and from the side, and the uncertainty of a position over the reach."""
-    size = done.workspace.uncertainty(done.uncertainty.covariance) * 1e6
+    size = done.position_uncertainty * 1e6
     views = ((0, 1, 'from above'), (0, 2, 'from the side'))
     return [
         *(_view(done, held_out, *view) for view in views),

@@ -25,7 +25,7 @@ FURTHER = 2.0
 
 def diagnostics_record(done: Identification) -> dict[str, Any]:
     """What `result.json` says under `diagnostics`, SI."""
-    sure = done.workspace.uncertainty(done.uncertainty.covariance)
+    sure = done.position_uncertainty
     deviation, gauge = done.identified.deviation, done.problem.measured.gauge
     return {
         'rank': done.observability.rank,

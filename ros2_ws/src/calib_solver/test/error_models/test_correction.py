@@ -18,6 +18,7 @@ from calib_model.errors import DataError
 from calib_model.kinematics import CorrectedArm, JointErrors, JointTerms
 from calib_solver.calibration import Sources, calibrate, evaluation_record, summary_text
 from calib_solver.error_models.correction import _Columns
+from calib_solver.error_models.validation_gain import Gain
 from calib_solver.fitting import Options
 from calib_solver.identification import identify
 from calib_solver.problem import Problem
@@ -168,3 +169,18 @@ def test_what_is_written_is_what_evaluate_applies(eccentric, tmp_path):
     # another run in the same folder without it leaves no correction of an arm that is gone
     calibrate(sources, Options(joint_errors=()), (), str(out))
     assert not (out / 'correction.yaml').exists()
+
+
+def test_what_is_not_known_of_it_is_added_to_every_stated_position(eccentric):
+    done = identify(parts(eccentric)[0], replace(AUTO, correction='harmonic'))
+    alone = done.workspace.uncertainty(done.uncertainty.covariance)
+    assert (done.position_uncertainty > alone).all()
+    coefficients = done.choice_12.coefficients
+    assert np.linalg.eigvalsh(coefficients.covariance).min() > 0
+    assert identify(parts(eccentric)[0], Options(joint_errors=())).choice_12 is None
+
+
+def test_a_gain_that_costs_one_location_anything_is_none():
+    gain = Gain(-0.5, 0.05, 1e-5, 6e-6, 6, worst=0.01)
+    assert gain.convinces and not gain.harmless
+    assert replace(gain, worst=-0.01).harmless

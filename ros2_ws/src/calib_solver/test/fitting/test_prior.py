@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from simulated_calibration import kr5, passive, simulate
@@ -144,3 +146,19 @@ def test_a_prior_that_cannot_be_used_says_where(text, said):
 def test_a_choice_that_is_none_is_refused(choice):
     with pytest.raises(DescriptionError, match=choice):
         chosen_prior(choice)
+
+
+def test_a_given_prior_that_is_in_the_way_is_named_and_not_the_arm():
+    """Zeros 6 degrees off against a prior of a hundredth of a degree, held firmly."""
+    scene = simulate(kr5(), passive(), 31, locations=3, poses=10, noise=1e-5)
+    taken = scene.measured.poses
+    off = np.radians(6.0) * np.array([0.0, 1.0, -1.0, 0.5, 1.0, 0.0])
+    poses = replace(taken, joints=taken.joints + off)
+    measured = replace(scene.measured, poses=poses)
+    narrow = {**DEFAULT_SIGMA, 'theta_0': 1e-6}
+    held = identify(measured, Options(prior=Prior(narrow, 1e6)))
+    assert 'the prior holds the arm away from what the poses say' in held.warnings[0]
+    assert not any('not the arm' in line for line in held.warnings)
+    by_itself = identify(measured)
+    assert by_itself.identified.spread < held.identified.spread / 10
+    assert not any('the prior holds' in line for line in by_itself.warnings)
