@@ -8,14 +8,17 @@ import gc
 import io
 import math
 import os
+import signal
 import sys
 from collections.abc import Callable, Sequence
+from threading import current_thread, main_thread
 from typing import Any, NoReturn
 
 from calib_model.errors import CalibrationError
 
 BAD_INPUT = 2
 INTERRUPTED = 130
+ENDING = (signal.SIGTERM, signal.SIGHUP)
 #: objects more than were given back, after which Python looks for garbage
 GARBAGE = 100_000
 
@@ -92,9 +95,10 @@ def run_command(work: Callable[[], int | None]) -> int:
     """Do the work of a command and return its exit code.
 
     `work` returns an exit code, None for 0. A CalibrationError is printed as one line on stderr
-    and gives 2, and so do a system call that failed and too little memory; Ctrl-C gives 130; a
-    reader that has gone away (`| head`) ends it quietly.
+    and gives 2, and so do a system call that failed and too little memory; Ctrl-C, SIGTERM and
+    SIGHUP give 130; a reader that has gone away (`| head`) ends it quietly.
     """
+    _end_as_by_ctrl_c()
     if isinstance(sys.stdout, io.TextIOWrapper):
         # names of files need not be text in the encoding of the terminal
         sys.stdout.reconfigure(errors='backslashreplace')
@@ -120,6 +124,22 @@ def run_command(work: Callable[[], int | None]) -> int:
     except MemoryError as error:
         return _refused(CalibrationError(f'not enough memory: {error}'.rstrip(': ')))
     return code or 0
+
+
+def _end_as_by_ctrl_c() -> None:
+    """Let SIGTERM and SIGHUP, where nobody has other plans with them, unwind what is under way."""
+    if current_thread() is not main_thread():
+        return  # a test's: signals are the main thread's
+
+    def interrupt(number: int, frame: object) -> None:
+        # what is torn down then is torn down once
+        for one in ENDING:
+            signal.signal(one, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    for number in ENDING:
+        if signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, interrupt)
 
 
 def _refused(error: CalibrationError) -> int:

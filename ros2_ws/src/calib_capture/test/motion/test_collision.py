@@ -121,7 +121,7 @@ def test_no_planned_pose_of_random_gauge_placements_collides_or_leaves_its_limit
     planned = refused = went = 0
     # CALIB_PLACEMENTS=1000 for the long run, in which all ways are looked at
     long = 'CALIB_PLACEMENTS' in os.environ
-    for number in range(int(os.environ.get('CALIB_PLACEMENTS', '40'))):
+    for number in range(int(os.environ.get('CALIB_PLACEMENTS', '20'))):
         place = stand(generator)
         try:
             program = planner.program({1: place})

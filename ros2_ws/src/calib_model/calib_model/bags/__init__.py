@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     )
     from calib_model.bags.files import (
         bag_files as bag_files,
+        left_aside as left_aside,
         listed_topics as listed_topics,
     )
     from calib_model.bags.measurement import (

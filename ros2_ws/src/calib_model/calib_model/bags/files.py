@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections import Counter
 from functools import lru_cache
 from pathlib import Path
 from typing import IO, Any
@@ -18,6 +19,7 @@ ZSTD = b'\x28\xb5\x2f\xfd'
 SQLITE = b'SQLite format 3\x00'
 METADATA = 'metadata.yaml'
 NO_METADATA = 'not a rosbag2 metadata file'
+LARGEST_METADATA = 20_000_000  # characters: of some hundred thousand files
 KINDS = ('.mcap', '.db3')
 
 
@@ -67,6 +69,23 @@ def unlisted_files(folder: Path) -> list[Path]:
     return []
 
 
+def left_aside(path: str | Path) -> list[Path]:
+    """Files of a bag's folder that its metadata.yaml does not list, and that are not read.
+
+    Raises:
+        BagError: there is no bag at `path`.
+    """
+    listed = bag_files(path)
+    if Path(path).is_file():
+        return []
+    plain = {file.with_suffix('') if file.suffix == '.zstd' else file for file in listed}
+    return [
+        file
+        for file in unlisted_files(Path(path))
+        if (file.with_suffix('') if file.suffix == '.zstd' else file) not in plain
+    ]
+
+
 def _listed_files(folder: Path) -> list[Path]:
     information = _information(folder)
     try:
@@ -80,9 +99,9 @@ def _listed_files(folder: Path) -> list[Path]:
         pack if pack.is_file() and not file.is_file() else file
         for file, pack in zip(files, packed, strict=True)
     ]
-    for file in there:
-        if there.count(file) > 1:
-            raise BagError(f'{folder / METADATA}: lists {file.name} twice')
+    twice = [file for file, count in Counter(there).items() if count > 1]
+    if twice:
+        raise BagError(f'{folder / METADATA}: lists {twice[0].name} twice')
     return there
 
 
@@ -92,7 +111,7 @@ def _information(folder: Path) -> dict[str, Any]:
     if not metadata.is_file():
         return {}
     try:
-        return _parsed(file_content(metadata).decode('utf-8'))
+        return _parsed(file_content(metadata, 4 * LARGEST_METADATA).decode('utf-8'))
     except DescriptionError as error:
         raise BagError(f'{metadata}: {error}') from error
     except (OSError, ValueError, TypeError, KeyError) as error:
@@ -103,7 +122,7 @@ def _information(folder: Path) -> dict[str, Any]:
 def _parsed(text: str) -> dict[str, Any]:
     """The content of a metadata.yaml, which a command asks for several times and a parser in
     Python is slow at."""
-    return dict(load_plain(text, NO_METADATA)['rosbag2_bagfile_information'])
+    return dict(load_plain(text, NO_METADATA, LARGEST_METADATA)['rosbag2_bagfile_information'])
 
 
 def listed_topics(path: str | Path) -> dict[str, str]:

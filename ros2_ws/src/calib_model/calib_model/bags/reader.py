@@ -6,6 +6,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from io import BytesIO
+from itertools import accumulate
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -68,9 +69,9 @@ def read_messages(
         BagError: no bag there, not MCAP, not CDR, or damaged (when not merely cut short).
     """
     files = bag_files(path)
-    sizes = [file.stat().st_size for file in files]
-    for number, file in enumerate(files):
-        before, total = sum(sizes[:number]), sum(sizes)
+    ends = list(accumulate(file.stat().st_size for file in files))
+    for before, file in zip([0, *ends], files, strict=False):
+        total = ends[-1]
 
         def here(done: int, before: int = before, total: int = total) -> None:
             if told is not None:
@@ -198,10 +199,14 @@ class _Known:
         self.count = 0
 
     def add(self, channel: Channel) -> None:
-        """Take note of a channel."""
-        about = _described(self._file, channel, self.schemas)
-        wanted = self._topics is None or channel.topic in self._topics
-        self.channels[channel.id] = about if wanted else None
+        """Take note of a channel; what nobody asked for by name may be in any encoding."""
+        if self._topics is None:
+            wanted = channel.message_encoding == 'cdr'
+        else:
+            wanted = channel.topic in self._topics
+        self.channels[channel.id] = (
+            _described(self._file, channel, self.schemas) if wanted else None
+        )
 
     def messages_of(self, chunk: Chunk) -> list[BagMessage]:
         """The messages of a chunk, all of it or, when it is damaged, an error.
@@ -257,4 +262,12 @@ def _described(file: Path, channel: Channel, schemas: dict[int, Schema]) -> tupl
         raise BagError(f'{file}: topic {channel.topic} is encoded as {channel.message_encoding!r}')
     schema = schemas.get(channel.schema_id)
     qos = channel.metadata.get('offered_qos_profiles', '')
-    return channel.topic, schema.name if schema is not None else '', qos
+    return channel.topic, ros_type(schema.name) if schema is not None else '', qos
+
+
+def ros_type(name: str) -> str:
+    """A type's name as ROS 2 has it: a recorder of DDS says `pkg::msg::dds_::Type_`."""
+    parts = name.split('::')
+    if len(parts) == 4 and parts[2] == 'dds_' and parts[3].endswith('_'):
+        return f'{parts[0]}/{parts[1]}/{parts[3][:-1]}'
+    return name

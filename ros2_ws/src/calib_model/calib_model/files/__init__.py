@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from calib_model.files.folder_lock import (
         FolderLock as FolderLock,
     )
+    from calib_model.files.one_result import (
+        file_hashes as file_hashes,
+        refuse_mixture as refuse_mixture,
+    )
     from calib_model.files.open_folders import (
         Folders as Folders,
         NotPermittedError as NotPermittedError,

@@ -14,15 +14,15 @@ DEEPEST = 1000  # levels that the loader in C may go down: some hundred kilobyte
 LONGEST_VALUE = 10_000  # characters: some are numbers, and cost the square of it
 
 
-def load_plain(text: str, source: str) -> Any:
-    """The content of a YAML text: mappings, lists and scalars.
+def load_plain(text: str, source: str, largest: int = LARGEST_TEXT) -> Any:
+    """The content of a YAML text of `largest` characters at most: mappings, lists and scalars.
 
     Raises:
         DescriptionError: not YAML, too large, nested too deep, a key that is there twice, or it
             uses aliases or tags.
     """
-    if len(text) > LARGEST_TEXT:
-        raise DescriptionError(source, '', f'larger than {LARGEST_TEXT} characters')
+    if len(text) > largest or (len(text) > LARGEST_TEXT and not _shallow(text)):
+        raise DescriptionError(source, '', f'larger than {largest} characters')
     try:
         _refuse_aliases_and_tags(text, source)
         return _load(text)

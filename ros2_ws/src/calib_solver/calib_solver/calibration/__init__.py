@@ -11,9 +11,6 @@ if TYPE_CHECKING:
         Effort as Effort,
         calibrate as calibrate,
     )
-    from calib_solver.calibration.corrected_urdf import (
-        with_urdf as with_urdf,
-    )
     from calib_solver.calibration.duplicate_poses import (
         duplicate_lines as duplicate_lines,
     )

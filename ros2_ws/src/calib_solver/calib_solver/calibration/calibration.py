@@ -9,10 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from calib_model import urdf as urdf_files
 from calib_model.descriptions import read_links
+from calib_model.errors import DataError
 from calib_model.measurement import Measurement
 from calib_model.progress import Progress
-from calib_solver import report, resampling
+from calib_solver import compensation, report, resampling
 from calib_solver.calibration.duplicate_poses import duplicate_lines, noise_lines, seen_lines
 from calib_solver.calibration.sources import Loaded, Sources, cut_lines, load_all
 from calib_solver.fitting import Options
@@ -74,15 +76,20 @@ def calibrate(
     test: Sequence[str] = (),
     output: str = '',
     effort: Effort | None = None,
+    urdf: str = '',
 ) -> Calibration:
-    """Identify from bags, judge on held-out ones, write the results: command and service alike.
+    """Identify from bags, judge on held-out ones, write the results: command and service alike;
+    with the user's own file `urdf` also `robot.urdf`, that with corrected joint origins.
 
     Raises:
         CalibrationError: anything that keeps it from being done; nothing is written then.
     """
     effort = effort or Effort()
+    own = _own_urdf(urdf, output)
     unseen = load_all(replace(sources, bags=tuple(test)), effort.reading) if test else None
     loaded = load_all(sources, effort.reading)
+    if urdf:
+        compensation.refuse_uncorrectable(own, loaded.measured.arm, urdf)
     if sources.links:
         options = replace(options, links=read_links(sources.links, loaded.measured.arm))
     loaded, done, resampled = _identified(loaded, options, effort)
@@ -101,10 +108,19 @@ def calibrate(
         notes = (*notes, *unseen.lines)
     record = result_record(done, held_out, resampled)
     written: list[Path] = []
+    more: dict[str, bytes] = {}
+    if urdf:
+        more['robot.urdf'] = compensation.corrected_urdf(own, loaded.measured.arm, done.arm, urdf)
     if output:
         page = report.report_html(done, record, _inputs(sources, test), held_out)
-        written = write_results(output, done, record, page)
+        written = write_results(output, done, record, page, more)
     return Calibration(done, held_out, record, tuple(written), notes)
+
+
+def _own_urdf(urdf: str, output: str) -> bytes:
+    if urdf and not output:
+        raise DataError('a corrected URDF is written beside the results: name a folder for them')
+    return urdf_files.read_urdf(urdf) if urdf else b''
 
 
 def _inputs(sources: Sources, test: Sequence[str]) -> report.Inputs:

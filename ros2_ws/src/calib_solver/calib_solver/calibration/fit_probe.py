@@ -32,6 +32,10 @@ def fit_probe_from(sources: Sources, output: str = '') -> Fitted:
         CalibrationError: the bag cannot be used, the readings leave P undetermined, or the file
             cannot be written.
     """
+    if output and (Path(output) / 'result.json').exists():
+        raise CalibrationError(
+            f'{output}: holds what identify wrote, and its probe.yaml: name another folder'
+        )
     measured = load(sources)
     problem = Problem.of(measured)
     fit = with_the_arms_share(problem, fit_probe(problem))

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib_model.bags import Temperature, cut_files, read_temperature, together
+from calib_model.bags import Temperature, cut_files, left_aside, read_temperature, together
 from calib_model.descriptions import (
     parse_arm,
     parse_gauge,
@@ -188,8 +188,14 @@ def _joined(parts: Sequence[Measurement]) -> tuple[Measurement, list[int]]:
 
 
 def cut_lines(bags: Sequence[str]) -> tuple[str, ...]:
-    """A line for each file that ends before its end."""
+    """A line for each file that ends before its end, and for what a bag's folder has besides."""
+    aside = [(bag, left_aside(bag)) for bag in bags]
     return tuple(
+        f'{bag}: {", ".join(file.name for file in files)} in its folder '
+        f'{"is" if len(files) == 1 else "are"} not in its metadata.yaml and not read'
+        for bag, files in aside
+        if files
+    ) + tuple(
         f'{file}: cut short, what was whole is used; ros2 run calib_capture recover says how much '
         'that is'
         for bag in bags

@@ -208,11 +208,7 @@ def run(argv: Sequence[str] | None = None) -> calibration.Calibration:
     effort = calibration.Effort(
         plan, given.scheduler, Progress(sys.stderr, 'repetitions'), Progress(sys.stderr, 'MB')
     )
-    finished = calibration.with_urdf(
-        given.urdf,
-        given.output,
-        lambda: calibration.calibrate(sources, options, test, given.output, effort),
-    )
+    finished = calibration.calibrate(sources, options, test, given.output, effort, given.urdf)
     if given.figures:
         drawn = report.save_figures(finished.done, given.figures, finished.held_out)
         finished = replace(finished, written=(*finished.written, *drawn))

@@ -39,7 +39,8 @@ if TYPE_CHECKING:
         read_targets as read_targets,
     )
     from calib_solver.compensation.user_urdf import (
-        write_corrected_urdf as write_corrected_urdf,
+        corrected_urdf as corrected_urdf,
+        refuse_uncorrectable as refuse_uncorrectable,
     )
 else:
     __getattr__, __dir__, __all__ = lazily(__name__, __file__)

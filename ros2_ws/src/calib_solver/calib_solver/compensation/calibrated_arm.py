@@ -10,7 +10,7 @@ from pathlib import Path
 from calib_model.arrays import Array
 from calib_model.descriptions import parse_arm, parse_correction, parse_probe, read_description
 from calib_model.errors import CalibrationError, DataError
-from calib_model.files import file_content
+from calib_model.files import file_content, refuse_mixture
 from calib_model.instruments import Arm, PassiveProbe, Probe
 from calib_model.kinematics import Correction, ParameterTable, tool_motion
 from calib_model.transforms import RigidTransform
@@ -43,9 +43,10 @@ def read_calibrated(folder: str | Path) -> Calibrated:
     """The calibration that `identify --output` wrote, the probe's tip as the tool.
 
     Raises:
-        CalibrationError: a file is missing or is not what `identify` writes.
+        CalibrationError: a file is missing, is not what `identify` writes, or is of another result.
     """
     folder = Path(folder)
+    refuse_mixture(folder)
     arm = read_description(folder / 'arm.yaml', parse_arm)
     probe = read_description(folder / 'probe.yaml', parse_probe)
     path = folder / 'result.json'

@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 
 from calib_model.arrays import Array
 from calib_model.errors import CalibrationError, DescriptionError
-from calib_model.files import write_whole
 from calib_model.instruments import Arm
 from calib_model.kinematics import forward_kinematics
 from calib_model.transforms import rotation_matrix
@@ -57,21 +56,16 @@ def corrected_urdf(text: bytes, nominal: Arm, identified: Arm, source: str = 'UR
     return new
 
 
-def write_corrected_urdf(
-    folder: str | Path, text: bytes, nominal: Arm, identified: Arm, source: str
-) -> Path:
-    """Write `robot.urdf` into a folder, whole or not at all.
+def refuse_uncorrectable(text: bytes, nominal: Arm, source: str) -> None:
+    """Nothing, where a URDF could be corrected for an arm that is a little off `nominal`: to be
+    asked before the work.
 
     Raises:
-        CalibrationError: as `corrected_urdf`, or it cannot be written.
+        CalibrationError: as `corrected_urdf`.
     """
-    path = Path(folder) / 'robot.urdf'
-    new = corrected_urdf(text, nominal, identified, source)
-    try:
-        write_whole(path, new)
-    except OSError as error:
-        raise CalibrationError(f'{path}: cannot be written: {error.strerror}') from error
-    return path
+    off = 1e-4 * np.random.default_rng(0).normal(size=nominal.geometry.shape)
+    off[4, nominal.geometry[4] == 0] = 0.0  # no angle of Hayati's where there was none
+    corrected_urdf(text, nominal, nominal.with_geometry(nominal.geometry + off), source)
 
 
 def corrected_origins(
@@ -167,6 +161,16 @@ def _postures(arm: Arm) -> Array:
     return np.random.default_rng(0).uniform(lower, upper, (POSTURES, arm.n))
 
 
+def _with_limits(text: bytes) -> bytes:
+    """A URDF whose turning joints without limits turn without end: urdfdom takes them so only."""
+    root = ElementTree.fromstring(text)
+    for joint in root.iter('joint'):
+        if joint.get('type') == 'revolute' and joint.find('limit') is None:
+            joint.set('type', 'continuous')
+    found: bytes = ElementTree.tostring(root)
+    return found
+
+
 def pinocchio_poses(text: bytes, arm: Arm, q: Array, source: str = 'URDF') -> Array:
     """`T_base_flange` (N, 4, 4) at q (N, n) as Pinocchio reads it from a URDF with those frames.
 
@@ -176,7 +180,7 @@ def pinocchio_poses(text: bytes, arm: Arm, q: Array, source: str = 'URDF') -> Ar
     import pinocchio  # takes longer to load than an identification without it needs
 
     try:
-        model = pinocchio.buildModelFromXML(text.decode('utf-8', 'replace'))
+        model = pinocchio.buildModelFromXML(_with_limits(text).decode('utf-8', 'replace'))
     except (ValueError, RuntimeError) as error:
         raise DescriptionError(source, '', f'Pinocchio does not read it: {error}') from error
     data = model.createData()

@@ -33,7 +33,6 @@ from calib_solver.calibration import (
     evaluation_record,
     fit_probe_from,
     in_one_line,
-    with_urdf,
 )
 from calib_solver.compensation import TargetTable, compensate_file, rows_of
 from calib_solver.error_models import chosen_kinds
@@ -168,16 +167,13 @@ class SolverNode(Node):
             quick=request.quick,
         )
         plan = Plan(request.monte_carlo, request.bootstrap, request.seed)
-        finished = with_urdf(
-            request.urdf,
+        finished = calibrate(
+            _with_raw(request),
+            options,
+            bag_list(request.test),
             request.output,
-            lambda: calibrate(
-                _with_raw(request),
-                options,
-                bag_list(request.test),
-                request.output,
-                Effort(plan, request.scheduler),
-            ),
+            Effort(plan, request.scheduler),
+            request.urdf,
         )
         record = finished.record
         response.arm, response.objective = record['arm'], record['objective']

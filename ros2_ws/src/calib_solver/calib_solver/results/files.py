@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calib_model import urdf
 from calib_model.descriptions import arm_yaml, correction_yaml, probe_yaml
 from calib_model.errors import CalibrationError
-from calib_model.files import FolderLock, write_together
+from calib_model.files import FolderLock, file_hashes, write_together
 from calib_model.kinematics import KINDS
 from calib_model.transforms import RigidTransform
 from calib_solver.fitting import ProbeFit
@@ -99,13 +100,19 @@ def probe_fit_record(fit: ProbeFit) -> Record:
 
 
 def write_results(
-    folder: str | Path, done: Identification, record: Record, report: str
+    folder: str | Path,
+    done: Identification,
+    record: Record,
+    report: str,
+    more: Mapping[str, bytes] | None = None,
 ) -> list[Path]:
     """Write `result.json`, `arm.yaml`, `probe.yaml`, `arm.urdf`, `report.html`, and
     `correction.yaml` where there is something beyond the D-H parameters.
 
-    Each is written whole or not at all, and none before all are on disk; `report` is the page's
-    text. A correction that an earlier run left there is taken away: it belongs to another arm.yaml.
+    Each is written whole or not at all, and none before all are on disk; `files` of the record says
+    what belongs together. `more` are further files of the result; `report` is the page's
+    text. A correction or a corrected URDF that an earlier run left there is taken away: it belongs
+    to another arm.yaml.
 
     Raises:
         CalibrationError: the folder or a file in it cannot be written.
@@ -116,16 +123,22 @@ def write_results(
         'probe.yaml': probe_yaml(done.probe),
         'arm.urdf': urdf.arm_urdf(done.arm),
         'report.html': report,
-        'result.json': json.dumps(record, indent=1, allow_nan=False) + '\n',
     }
     if done.correction is not None:
         texts['correction.yaml'] = correction_yaml(done.correction)
+    contents = {
+        name: text.encode('utf-8', 'backslashreplace') for name, text in texts.items()
+    } | dict(more or {})
+    listed = {**record, 'files': file_hashes(contents)}
+    text = json.dumps(listed, indent=1, allow_nan=False) + '\n'
+    contents['result.json'] = text.encode('utf-8')
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with FolderLock(folder):  # where two write at once, all files are of one or of the other
-            write_together(folder, texts)
-            if done.correction is None:
-                (folder / 'correction.yaml').unlink(missing_ok=True)
+            write_together(folder, contents)
+            # of an earlier run, and of another arm.yaml
+            for name in {'correction.yaml', 'robot.urdf'} - set(contents):
+                (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise CalibrationError(f'{folder}: results cannot be written: {error.strerror}') from error
-    return [folder / name for name in texts]
+    return [folder / name for name in contents]
