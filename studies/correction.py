@@ -93,7 +93,7 @@ def _measured(scene: Scene, world: World, motion: HandMotion, seed: int) -> Meas
 
 def _outcome(scene: Scene, used: Measurement, unseen: Measurement) -> Outcome:
     links = read_links(CONFIG / 'links/faro_sterling.yaml', scene.arm)
-    eq_12 = identify(used, Options(correction='auto'))
+    eq_12 = identify(used, Options(correction='auto', joint_errors=()))
     joints = identify(used, Options(joint_errors=KINDS, links=links))
     problem = Problem.of(unseen)
     assert eq_12.choice_12 is not None and joints.joint_error_choice is not None

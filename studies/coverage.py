@@ -65,11 +65,11 @@ def scores(seed: int) -> dict[str, Scores]:
     """The scores of one calibration by each objective."""
     scene, exact = scene_of(seed)
     # where the frozen parameters are nominal, the free ones take up what those are really off
-    truth = identify(exact.measured, Options(prior=NO_PRIOR, loss='plain'))
+    truth = identify(exact.measured, Options(prior=NO_PRIOR, loss='plain', joint_errors=()))
     assert truth.identified.phi < 1e-18, truth.fit.reason
     found = {}
     for name in OBJECTIVES:
-        done = identify(scene.measured, Options(name))
+        done = identify(scene.measured, Options(name, joint_errors=()))
         standard = done.uncertainty.standard
         off = (done.full - truth.full)[done.table.free_columns]
         found[name] = Scores(

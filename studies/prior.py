@@ -57,7 +57,7 @@ def scene_of(seed: int, size: float, locations: int, poses: int) -> Scene:
 
 
 def _error(scene: Scene, strength: float) -> float:
-    done = identify(scene.measured, Options(prior=Prior(DEFAULT_SIGMA, strength)))
+    done = identify(scene.measured, Options(prior=Prior(DEFAULT_SIGMA, strength), joint_errors=()))
     return float(np.sqrt(np.mean(scene.errors(done.arm, done.probe) ** 2)))
 
 

@@ -117,7 +117,7 @@ def outcomes(seed: int) -> list[Outcome]:
     kind, probe, scene = scene_of(seed)
     found = []
     for name in OBJECTIVES:
-        done = identify(scene.measured, Options(name))
+        done = identify(scene.measured, Options(name, joint_errors=()))
         unseen = sum(a.parameter.free and not a.identifiable for a in done.estimates)
         error = float(scene.errors(done.arm, done.probe).max())
         fit = done.fit

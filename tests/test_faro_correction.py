@@ -19,7 +19,7 @@ from selfcenter_probe.simulation import Encoders, World
 
 POSES, SEED = 20, 3
 PLACES = {'used': ((1, 2, 3, 4, 5, 6, 7), (1, 6, 10, 14)), 'never': ((8,), (2, 5, 9, 13))}
-AUTO = Options(correction='auto')
+AUTO = Options(correction='auto', joint_errors=())
 pytestmark = pytest.mark.timeout(120)
 
 

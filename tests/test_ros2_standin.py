@@ -360,7 +360,7 @@ def test_a_parameter_of_another_type_is_refused(ros2, peer) -> None:
 def test_parameters_that_are_not_there_are_refused(ros2, peer) -> None:
     assert ros2('param', 'get', '/peer', 'speed').stderr.startswith('Parameter not set')
     assert 'did you mean rate' in ros2('param', 'get', '/peer', 'rat').stderr
-    nobody = ros2('param', 'get', '/nobody', 'x', '--timeout', '0.5').stderr
+    nobody = ros2('param', 'get', '/nobody', 'x', '--timeout', '3').stderr
     assert nobody == 'Node not found; there is /peer\n'
 
 

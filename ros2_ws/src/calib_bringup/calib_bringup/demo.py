@@ -43,6 +43,7 @@ WRITTEN = {
     'arm.yaml',
     'probe.yaml',
     'arm.urdf',
+    'correction.yaml',
     'report.html',
     FIGURES,
 }

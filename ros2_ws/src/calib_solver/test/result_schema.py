@@ -29,7 +29,15 @@ PARAMETER = {
     'identifiable',
 }
 #: keys beyond the contract's first list: whoever adds one says so here
-ADDED_TOP = {'warnings', 'rejected', 'diagnostics', 'resampling', 'joint_errors', 'correction'}
+ADDED_TOP = {
+    'warnings',
+    'rejected',
+    'diagnostics',
+    'resampling',
+    'joint_errors',
+    'correction',
+    'files',
+}
 ADDED_PARAMETER = {'reason'}
 SOLVER = {
     'iterations',

@@ -93,7 +93,7 @@ def _read_sqlite(file: Path, topics: set[str] | None) -> Iterator[BagMessage]:
     from calib_model.bags.sqlite import sqlite_rows  # most bags do without
 
     for name, kind, time, data, qos in sqlite_rows(file, topics):
-        yield BagMessage(name, kind, time, time, data, qos)
+        yield BagMessage(name, ros_type(kind), time, time, data, qos)
 
 
 def _unpacked(file: Path, message: BagMessage) -> BagMessage:

@@ -26,6 +26,15 @@ def sqlite_rows(file: Path, topics: set[str] | None) -> Iterator[Row]:
         BagError: the file is damaged or not a bag's.
     """
     try:
+        journals = journals_of(file)
+        if journals:
+            # a recorder that was stopped hard: SQLite puts the newest rows in their place as it
+            # opens the file, here a copy, so that the bag stays as it is
+            with tempfile.TemporaryDirectory(prefix='journaled-') as folder:
+                for one in (file, *journals):
+                    shutil.copyfile(one, Path(folder) / one.name)
+                yield from _rows(Path(folder) / file.name, topics, immutable=False)
+            return
         if not begins_with(file, ZSTD):
             yield from _rows(file, topics)
             return
@@ -38,18 +47,25 @@ def sqlite_rows(file: Path, topics: set[str] | None) -> Iterator[Row]:
         raise BagError(f'{file}: not a bag, or damaged: {error}') from error
 
 
-def _rows(file: Path, topics: set[str] | None) -> Iterator[Row]:
-    address = f'{file.resolve().as_uri()}?immutable=1'
+def journals_of(file: Path) -> list[Path]:
+    """The journals beside an SQLite file that hold rows which are not in it yet."""
+    found = (file.with_name(f'{file.name}{end}') for end in ('-wal', '-journal'))
+    return [one for one in found if one.is_file() and one.stat().st_size > 0]
+
+
+def _rows(file: Path, topics: set[str] | None, immutable: bool = True) -> Iterator[Row]:
+    address = f'{file.resolve().as_uri()}{"?immutable=1" if immutable else ""}'
     with closing(sqlite3.connect(address, uri=True)) as base:
         columns = {row[1] for row in base.execute('PRAGMA table_info(topics)')}
         qos = 'offered_qos_profiles' if 'offered_qos_profiles' in columns else "''"
-        known = {
-            number: (str(name), str(kind), str(offered))
-            for number, name, kind, form, offered in base.execute(
-                f'SELECT id, name, type, serialization_format, {qos} FROM topics'
-            )
-            if form == 'cdr' and (topics is None or name in topics)
-        }
+        known = {}
+        for number, name, kind, form, offered in base.execute(
+            f'SELECT id, name, type, serialization_format, {qos} FROM topics'
+        ):
+            if topics is not None and name in topics and form != 'cdr':
+                raise BagError(f'{file}: topic {name} is encoded as {form!r}')
+            if form == 'cdr' and (topics is None or name in topics):
+                known[number] = str(name), str(kind), str(offered)
         marks = ','.join('?' * len(known))
         found = base.execute(
             f'SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) '

@@ -111,3 +111,59 @@ def test_the_descriptions_are_read_from_such_bags_too(tmp_path):
     told = {message.topic for message in read_messages(bag, {one.name for one in DESCRIPTIONS})}
     assert told == {one.name for one in DESCRIPTIONS}
     assert cdr.decode(DESCRIPTIONS[0].type, next(read_messages(bag, told)).data).data
+
+
+def recorded_by_sqlite(folder, killed):
+    """The demo's bag in SQLite's write-ahead log, `killed` before the log was put in its place."""
+    import sqlite3
+
+    folder.mkdir()
+    base = sqlite3.connect(folder / 'rec_0.db3')
+    base.execute('PRAGMA journal_mode=WAL')
+    base.execute('PRAGMA wal_autocheckpoint=0')
+    base.execute(
+        'CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, '
+        'serialization_format TEXT, offered_qos_profiles TEXT)'
+    )
+    base.execute(
+        'CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, '
+        'data BLOB)'
+    )
+    numbers = {}
+    for number, message in enumerate(read_messages(DEMO)):
+        if message.topic not in numbers:
+            numbers[message.topic] = len(numbers) + 1
+            row = (numbers[message.topic], message.topic, message.type, 'cdr', '')
+            base.execute('INSERT INTO topics VALUES (?, ?, ?, ?, ?)', row)
+        row = (numbers[message.topic], message.log_time, message.data)
+        base.execute('INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)', row)
+        if number == 200:
+            base.commit()
+            base.execute('PRAGMA wal_checkpoint')
+    base.commit()
+    if killed:
+        shutil.copytree(folder, folder.with_name('killed'))
+        base.close()
+        return folder.with_name('killed')
+    base.close()
+    return folder
+
+
+@pytest.mark.parametrize('killed', [False, True])
+def test_the_journal_of_a_recorder_that_was_killed_is_read_and_left_alone(tmp_path, killed):
+    bag = recorded_by_sqlite(tmp_path / 'bag', killed)
+    assert (bag / 'rec_0.db3-wal').exists() == killed
+    before = {file.name: file.read_bytes() for file in bag.iterdir()}
+    assert len(read_measurement(bag).poses) == 560
+    assert {file.name: file.read_bytes() for file in bag.iterdir()} == before
+
+
+def test_a_wanted_topic_in_another_encoding_is_refused_of_sqlite_too(tmp_path):
+    import sqlite3
+
+    bag = recorded_by_sqlite(tmp_path / 'bag', killed=False)
+    with sqlite3.connect(bag / 'rec_0.db3') as base:
+        base.execute('UPDATE topics SET serialization_format = ?', ('json',))
+    base.close()
+    with pytest.raises(BagError, match="is encoded as 'json'"):
+        read_measurement(bag)

@@ -213,6 +213,10 @@ class Solver:
                 f'{problem.measured.source}: the fit is worse than the nominal parameters '
                 f'(phi {fit.quadratic.phi:.3g} against {nominal:.3g} m^2): {fit.reason}'
             )
+        if self.options.prior.evidence and fit.quadratic.terms < len(fit.x):
+            few = f'{int(fit.quadratic.terms)} residuals for {len(fit.x)} parameters'
+            reason = f'{few}: what the poses do not tell is as the prior has it'
+            fit = replace(fit, converged=False, reason=reason)
         return replace(
             fit,
             phi_initial=nominal,
