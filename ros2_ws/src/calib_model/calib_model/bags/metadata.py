@@ -27,6 +27,12 @@ class Definition:
     encoding: str = 'ros2msg'
     offered_qos: list[dict[str, Any]] = field(default_factory=list)
     type_hash: str = ''
+    message_encoding: str = 'cdr'
+
+    @property
+    def channel(self) -> tuple[str, str, str]:
+        """What makes it a channel of its own."""
+        return self.topic, self.type, self.message_encoding
 
     @staticmethod
     def of(topic: Topic) -> Definition:
@@ -107,7 +113,7 @@ def _topic_row(definition: Definition, count: int) -> dict[str, Any]:
     described = {
         'name': definition.topic,
         'type': definition.type,
-        'serialization_format': 'cdr',
+        'serialization_format': definition.message_encoding,
         'offered_qos_profiles': definition.offered_qos,
         'type_description_hash': definition.type_hash,
     }

@@ -14,7 +14,16 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Footer, Message, Metadata, Schema, Statistics
+from mcap.records import (
+    Channel,
+    Chunk,
+    Footer,
+    McapRecord,
+    Message,
+    Metadata,
+    Schema,
+    Statistics,
+)
 from mcap.stream_reader import StreamReader
 
 from calib_model.bags.decompression import LARGEST_RECORD, chunk_content, unpacked_zstd
@@ -36,6 +45,10 @@ DAMAGE = (
 MAGIC = b'\x89MCAP0\r\n'
 RECORD = struct.Struct('<BQ')  # opcode and length
 MESSAGE = struct.Struct('<HIQQ')  # channel, sequence, log time, publish time
+
+#: bytes of a file for each of its messages, fewer are no recording but work for nothing, and the
+#: messages that are read anyway
+LEAST_MESSAGE, ANYWAY = 3.0, 1_000_000
 
 Told = Callable[[int, int], None]  # bytes read so far, bytes in all
 
@@ -140,15 +153,35 @@ class RecordReader(StreamReader):
     """The library's reader, chunks whole, that passes the indexes by: a third of the time goes into
     their entries, and the messages are read in order."""
 
-    def __init__(self, stream: IO[bytes], validate_crcs: bool = False) -> None:
+    def __init__(
+        self, stream: IO[bytes], validate_crcs: bool = False, skip_magic: bool = False
+    ) -> None:
         super().__init__(
-            stream, emit_chunks=True, validate_crcs=validate_crcs, record_size_limit=LARGEST_RECORD
+            stream,
+            skip_magic=skip_magic,
+            emit_chunks=True,
+            validate_crcs=validate_crcs,
+            record_size_limit=LARGEST_RECORD,
         )
 
     def _read_record(self, opcode: int, length: int) -> Any:
         if opcode == Opcode.MESSAGE_INDEX:
             return None  # what is not read here is passed over, with its part of the checksum
         return super()._read_record(opcode, length)
+
+
+def another_follows(file: Path, stream: IO[bytes]) -> bool:
+    """Whether behind the end of an MCAP there is another one; its first bytes are read then.
+
+    Raises:
+        BagError: there is something else.
+    """
+    begin = stream.read(len(MAGIC))
+    if begin not in (b'', MAGIC):
+        raise BagError(
+            f'{file}: damaged: behind its end there is more, and no MCAP: `recover` leaves it out'
+        )
+    return bool(begin)
 
 
 def _read_file(
@@ -158,26 +191,21 @@ def _read_file(
     finished = False
     try:
         with file.open('rb') as packed, open_unpacked(file, packed) as stream:
-            for record in RecordReader(stream, validate_crcs=True).records:
-                if isinstance(record, Chunk):
-                    yield from known.messages_of(record)
-                    told(packed.tell())
-                elif isinstance(record, Schema):
-                    known.schemas[record.id] = record
-                elif isinstance(record, Channel):
-                    known.add(record)
-                elif isinstance(record, Message):
-                    known.count += 1
-                    about = known.channels[record.channel_id]
-                    if about is not None:
-                        name, kind, qos = about
-                        times = (record.log_time, record.publish_time)
-                        yield BagMessage(name, kind, *times, record.data, qos)
-                elif isinstance(record, Statistics) and record.message_count != known.count:
-                    left = f'{known.count} of {record.message_count} messages are left'
-                    raise BagError(f'{file}: damaged: {left}')
-                elif isinstance(record, Footer):
-                    finished = True
+            reader = RecordReader(stream, validate_crcs=True)
+            while True:
+                finished = False
+                for record in reader.records:
+                    if isinstance(record, Chunk):
+                        yield from known.messages_of(record)
+                        told(packed.tell())
+                    elif isinstance(record, Footer):
+                        finished = True
+                    elif (message := known.met(record)) is not None:
+                        yield message
+                if not another_follows(file, stream):
+                    return
+                # two recordings put into one file: each has numbers of its own
+                known, reader = _Known(file, topics), RecordReader(stream, skip_magic=True)
     except DAMAGE as error:
         if finished:
             return
@@ -197,6 +225,7 @@ class _Known:
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, tuple[str, str, str] | None] = {}
         self.count = 0
+        self._most = max(ANYWAY, int(file.stat().st_size / LEAST_MESSAGE))
 
     def add(self, channel: Channel) -> None:
         """Take note of a channel; what nobody asked for by name may be in any encoding."""
@@ -207,6 +236,24 @@ class _Known:
         self.channels[channel.id] = (
             _described(self._file, channel, self.schemas) if wanted else None
         )
+
+    def met(self, record: McapRecord) -> BagMessage | None:
+        """Take note of a record that is no chunk; its message, where it is one that is wanted."""
+        if isinstance(record, Schema):
+            self.schemas[record.id] = record
+        elif isinstance(record, Channel):
+            self.add(record)
+        elif isinstance(record, Message):
+            self.count += 1
+            about = self.channels[record.channel_id]
+            if about is not None:
+                name, kind, qos = about
+                times = (record.log_time, record.publish_time)
+                return BagMessage(name, kind, *times, record.data, qos)
+        elif isinstance(record, Statistics) and record.message_count != self.count:
+            left = f'{self.count} of {record.message_count} messages are left'
+            raise BagError(f'{self._file}: damaged: {left}')
+        return None
 
     def messages_of(self, chunk: Chunk) -> list[BagMessage]:
         """The messages of a chunk, all of it or, when it is damaged, an error.
@@ -223,6 +270,8 @@ class _Known:
                 raise EOFError('a chunk ends within a record')
             if opcode == Opcode.MESSAGE:
                 count += 1
+                if count > self._most:
+                    self._refuse_so_many()
                 number, _, logged, published = MESSAGE.unpack_from(content, begin)
                 about = self.channels[number]
                 if about is not None:
@@ -235,7 +284,15 @@ class _Known:
                 schema = Schema.read(ReadDataStream(BytesIO(content[begin:at])))
                 self.schemas[schema.id] = schema
         self.count += count
+        if self.count > self._most:
+            self._refuse_so_many()
         return found
+
+    def _refuse_so_many(self) -> None:
+        raise BagError(
+            f'{self._file}: more than {self._most} messages in {self._file.stat().st_size} bytes: '
+            'no recording is packed like that'
+        )
 
 
 def cut_files(path: str | Path) -> list[Path]:

@@ -28,11 +28,12 @@ from calib_model.bags.files import (
     bag_files,
     files_in,
     is_sqlite,
+    left_aside,
     open_unpacked,
     unlisted_files,
 )
 from calib_model.bags.metadata import Definition, FileAccount, metadata_yaml
-from calib_model.bags.reader import DAMAGE
+from calib_model.bags.reader import DAMAGE, MAGIC
 from calib_model.bags.writer import BagWriter
 from calib_model.errors import BagError, DescriptionError
 from calib_model.files import load_plain, refuse_taken, write_whole
@@ -47,7 +48,7 @@ class Recovery:
 
     `lost` counts messages that the file itself says are missing; `unread` are bytes at the end of
     which nothing could be made. `open_ends` are files without an end: what their recorder had not
-    yet written, nobody can know.
+    yet written, nobody can know. `behind` are bytes after a file's end that are no recording.
     """
 
     counts: dict[str, int] = field(default_factory=dict)
@@ -55,6 +56,7 @@ class Recovery:
     damaged_chunks: int = 0
     unread: int = 0
     open_ends: int = 0
+    behind: int = 0
 
     @property
     def messages(self) -> int:
@@ -64,7 +66,7 @@ class Recovery:
     @property
     def lossy(self) -> bool:
         """Whether anything is missing, or may be."""
-        return bool(self.lost or self.damaged_chunks or self.open_ends)
+        return bool(self.lost or self.damaged_chunks or self.open_ends or self.behind)
 
     def loss(self) -> str:
         """What is missing, in words."""
@@ -76,6 +78,8 @@ class Recovery:
             parts.append(f'{self.lost} message{"s" if self.lost > 1 else ""} known to be missing')
         if self.open_ends:
             parts.append(f'no end of the recording, {self.unread} bytes of an unfinished chunk')
+        if self.behind:
+            parts.append(f'{self.behind} bytes behind the end')
         return '; '.join(parts) or 'nothing'
 
 
@@ -167,7 +171,8 @@ def _repaired(file: Path, told: Callable[[str], None]) -> FileAccount:
 
 def _files_of(bad: Path) -> list[Path]:
     try:
-        files = bag_files(bad)
+        # what metadata.yaml does not list may be the rest of a copy that was made in part
+        files = [*bag_files(bad), *left_aside(bad)]
     except BagError:
         # a metadata.yaml that was not finished either: the files speak for themselves
         files = unlisted_files(bad) if bad.is_dir() else []
@@ -185,7 +190,7 @@ class _Known:
 
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
-    defined: set[int] = field(default_factory=set)
+    defined: dict[str, Channel] = field(default_factory=dict)  # by topic, as the copy has it
     messages: int = 0
     damaged: bool = False
     ended: bool = False
@@ -202,20 +207,35 @@ def _copy(
     used, size = 0, file.stat().st_size
     try:
         with file.open('rb') as packed, open_unpacked(file, packed) as stream:
-            reader = StreamReader(stream, emit_chunks=True, record_size_limit=LARGEST_RECORD)
-            for record in _until_damage(reader):
-                used = packed.tell()
-                pace(used, size)
-                if isinstance(record, Chunk):
-                    known.damaged = not _copy_chunk(record, bag, known, found)
-                elif isinstance(record, MessageIndex) and known.damaged:
-                    indexed += len(record.records)
-                elif isinstance(record, Statistics):
-                    told = record.message_count
-                elif isinstance(record, DataEnd):
-                    known.ended = True
-                else:
-                    _copy_record(record, bag, known, found)
+            skip_magic = False
+            while True:
+                reader = StreamReader(
+                    stream,
+                    skip_magic=skip_magic,
+                    emit_chunks=True,
+                    record_size_limit=LARGEST_RECORD,
+                )
+                for record in _until_damage(reader):
+                    used = packed.tell()
+                    pace(used, size)
+                    if isinstance(record, Chunk):
+                        known.damaged = not _copy_chunk(record, bag, known, found)
+                    elif isinstance(record, MessageIndex) and known.damaged:
+                        indexed += len(record.records)
+                    elif isinstance(record, Statistics):
+                        told = record.message_count
+                    elif isinstance(record, DataEnd):
+                        known.ended = True
+                    else:
+                        _copy_record(record, bag, known, found)
+                behind = stream.read(len(MAGIC)) if known.ended else b''
+                if behind != MAGIC:
+                    break
+                # two recordings put into one file: each has numbers of its own
+                found.lost += max(indexed, told - known.messages)
+                known, indexed, told, skip_magic = _Known(), 0, -1, True
+            if behind:
+                found.behind += size - packed.tell() + len(behind)
     except OSError as error:
         raise BagError(f'{file}: cannot be read: {error.strerror}') from error
     found.lost += max(indexed, told - known.messages)
@@ -254,11 +274,11 @@ def _copy_record(record: McapRecord, bag: BagWriter, known: _Known, found: Recov
         bag.note(record.name, record.metadata)
     elif isinstance(record, Message) and record.channel_id in known.channels:
         channel = known.channels[record.channel_id]
-        if channel.id not in known.defined:  # it takes longer than a message
+        if known.defined.get(channel.topic) is not channel:  # it takes longer than a message
             bag.define(_definition(channel, known.schemas.get(channel.schema_id)))
-            known.defined.add(channel.id)
+            known.defined[channel.topic] = channel
         data = record.data
-        if data[:4] == ZSTD:  # CDR never begins like that
+        if channel.message_encoding == 'cdr' and data[:4] == ZSTD:  # CDR never begins like that
             try:
                 data = unpacked_zstd(data)
             except DAMAGE:
@@ -282,4 +302,5 @@ def _definition(channel: Channel, schema: Schema | None) -> Definition:
         schema.encoding if schema is not None else '',
         qos if isinstance(qos, list) else [],
         channel.metadata.get('topic_type_hash', ''),
+        channel.message_encoding,
     )

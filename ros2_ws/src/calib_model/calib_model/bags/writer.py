@@ -39,8 +39,9 @@ class BagWriter:
         self.path = Path(path)
         self._earlier = tuple(earlier)
         self._account = FileAccount(f'{self.path.name}_{len(self._earlier)}.mcap')
-        self._channels: dict[str, int] = {}
-        self._schemas: dict[str, int] = {}
+        self._channels: dict[tuple[str, str, str], int] = {}
+        self._latest: dict[str, int] = {}  # the channel that a topic's messages go to
+        self._schemas: dict[tuple[str, str], int] = {}
         self._closed = self._listed = False
         self._safe = 0  # bytes that a flush has put on disk
         try:
@@ -60,7 +61,7 @@ class BagWriter:
 
     def write(self, topic: Topic, data: bytes, log_time: int, publish_time: int) -> None:
         """Add one message, CDR `data` with its 4-byte header; times in ns."""
-        if topic.name not in self._channels:
+        if topic.name not in self._latest:
             self.define(Definition.of(topic))
         self.add(topic.name, data, log_time, publish_time)
 
@@ -69,27 +70,26 @@ class BagWriter:
         self.write(topic, cdr.encode(message), time, time)
 
     def define(self, definition: Definition) -> None:
-        """Open the channel of a topic, once."""
-        if definition.topic in self._channels:
-            return
-        with self._disk:
-            if definition.type not in self._schemas:
-                self._schemas[definition.type] = self._writer.register_schema(
-                    definition.type, definition.encoding, definition.schema
+        """Open the channel of a topic, once; messages of the topic go there from now on."""
+        if definition.channel not in self._channels:
+            schema = definition.type, definition.encoding
+            with self._disk:
+                if schema not in self._schemas:
+                    self._schemas[schema] = self._writer.register_schema(*schema, definition.schema)
+                self._channels[definition.channel] = self._writer.register_channel(
+                    definition.topic,
+                    definition.message_encoding,
+                    self._schemas[schema],
+                    definition.channel_metadata(),
                 )
-            self._channels[definition.topic] = self._writer.register_channel(
-                definition.topic,
-                'cdr',
-                self._schemas[definition.type],
-                definition.channel_metadata(),
-            )
-        self._account.definitions[definition.topic] = definition
+            self._account.definitions[definition.topic] = definition
+        self._latest[definition.topic] = self._channels[definition.channel]
 
     def add(self, topic: str, data: bytes, log_time: int, publish_time: int) -> None:
         """Add one message to a topic that was defined."""
         count = self._account.counts.get(topic, 0)
         with self._disk:
-            self._writer.add_message(self._channels[topic], log_time, data, publish_time, count)
+            self._writer.add_message(self._latest[topic], log_time, data, publish_time, count)
         self._account.add(topic, log_time)
 
     def note(self, name: str, content: dict[str, str]) -> None:

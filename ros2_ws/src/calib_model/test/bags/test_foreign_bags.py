@@ -2,14 +2,24 @@
 """Bags as other recorders leave them: topics in other encodings, DDS names, files nobody listed."""
 
 import shutil
+import struct
 import time
 from pathlib import Path
 
 import pytest
 import yaml
+import zstandard
+from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from calib_model.bags import cdr, left_aside, listed_topics, read_measurement, read_messages
+from calib_model.bags import (
+    cdr,
+    left_aside,
+    listed_topics,
+    read_measurement,
+    read_messages,
+    recover,
+)
 from calib_model.errors import BagError
 from calib_model.topics import CAPTURE_POSES, DESCRIPTIONS
 
@@ -167,3 +177,106 @@ def test_a_wanted_topic_in_another_encoding_is_refused_of_sqlite_too(tmp_path):
     base.close()
     with pytest.raises(BagError, match="is encoded as 'json'"):
         read_measurement(bag)
+
+
+def record(opcode, content):
+    return struct.pack('<BQ', opcode, len(content)) + content
+
+
+def text(value):
+    return struct.pack('<I', len(value)) + value.encode()
+
+
+def test_messages_beyond_number_in_a_small_file_are_refused_in_no_time(tmp_path):
+    """Two million empty ones, on a topic that nobody asked for, pack into some kilobytes."""
+    schema = record(3, struct.pack('<H', 1) + text('Note') + text('jsonschema') + text(''))
+    channel = record(4, struct.pack('<HH', 1, 1) + text('/foo') + text('json') + text(''))
+    messages = record(5, struct.pack('<HIQQ', 1, 0, 0, 0)) * 2_000_000
+    content = schema + channel + messages
+    packed = zstandard.compress(content)
+    about = struct.pack('<QQQI', 0, 0, len(content), 0) + text('zstd')
+    chunk = record(6, about + struct.pack('<Q', len(packed)) + packed)
+    path = tmp_path / 'bag.mcap'
+    magic, ends = b'\x89MCAP0\r\n', record(15, bytes(4)) + record(2, bytes(20))
+    path.write_bytes(magic + record(1, text('') + text('another')) + chunk + ends + magic)
+    assert path.stat().st_size < 1_000_000
+    begun = time.process_time()
+    with pytest.raises(BagError, match='more than 1000000 messages in .* bytes'):
+        read_measurement(path)
+    assert time.process_time() - begun < 20
+
+
+def two_recordings(tmp_path):
+    """The first half of the demo in one file, the second half behind it, numbered anew."""
+    halves = [tmp_path / f'{number}.mcap' for number in (1, 2)]
+    messages = list(read_messages(DEMO))
+    described = {one.name for one in DESCRIPTIONS}
+    descriptions = [one for one in messages if one.topic in described]
+    poses = [one for one in messages if one.topic == CAPTURE_POSES.name]
+    for half, part in zip(halves, (poses[:200], poses[200:][::-1]), strict=True):
+        with half.open('wb') as stream:
+            writer = Writer(stream)
+            writer.start(profile='ros2', library='another')
+            channels = {}
+            for one in [*part[:1], *descriptions, *part[1:]]:
+                if one.topic not in channels:
+                    schema = writer.register_schema(one.type, 'ros2msg', b'')
+                    channels[one.topic] = writer.register_channel(one.topic, 'cdr', schema)
+                writer.add_message(channels[one.topic], one.log_time, one.data, one.publish_time)
+            writer.finish()
+    both = tmp_path / 'both.mcap'
+    both.write_bytes(halves[0].read_bytes() + halves[1].read_bytes())
+    return both
+
+
+def test_two_recordings_in_one_file_are_both_read_and_recovered(tmp_path):
+    both = two_recordings(tmp_path)
+    assert len(read_measurement(both).poses) == 560
+    found = recover(both, tmp_path / 'copy')
+    assert (found.messages, found.loss()) == (566, 'nothing')
+    assert len(read_measurement(tmp_path / 'copy').poses) == 560
+
+
+def test_what_is_behind_the_end_and_no_recording_is_named(tmp_path):
+    bag = rewritten(tmp_path / 'bag.mcap')
+    with bag.open('ab') as stream:
+        stream.write(b'some text that was appended')
+    with pytest.raises(BagError, match='behind its end there is more'):
+        read_measurement(bag)
+    found = recover(bag, tmp_path / 'copy')
+    assert found.lossy and found.loss() == '27 bytes behind the end'
+    assert len(read_measurement(tmp_path / 'copy').poses) == 560
+
+
+def test_recovered_messages_keep_topic_type_and_encoding(tmp_path):
+    """A number used again for another topic, two types on one topic, an encoding of another."""
+    path = tmp_path / 'odd.mcap'
+    note = record(3, struct.pack('<H', 1) + text('a/msg/Note') + text('ros2msg') + text(''))
+    other = record(3, struct.pack('<H', 2) + text('a/msg/Other') + text('jsonschema') + text(''))
+
+    def channel(number, schema, topic, encoding):
+        return record(
+            4, struct.pack('<HH', number, schema) + text(topic) + text(encoding) + text('')
+        )
+
+    def message(number, data):
+        return record(5, struct.pack('<HIQQ', number, 0, 7, 7) + data)
+
+    told = [('/one', 1, 'cdr'), ('/two', 2, 'json'), ('/two', 1, 'cdr'), ('/one', 1, 'cdr')]
+    content = note + other
+    for data, (topic, schema, encoding) in enumerate(told):
+        content += channel(1, schema, topic, encoding) + message(1, bytes([data] * 4))
+    about = struct.pack('<QQQI', 7, 7, len(content), 0) + text('')
+    chunk = record(6, about + struct.pack('<Q', len(content)) + content)
+    magic, ends = b'\x89MCAP0\r\n', record(15, bytes(4)) + record(2, bytes(20))
+    path.write_bytes(magic + record(1, text('') + text('another')) + chunk + ends + magic)
+    found = recover(path, tmp_path / 'copy')
+    assert (found.messages, found.loss()) == (4, 'nothing')
+    with (tmp_path / 'copy/copy_0.mcap').open('rb') as stream:
+        read = [
+            (channel.topic, schema.name, channel.message_encoding, message.data[0])
+            for schema, channel, message in make_reader(stream).iter_messages(log_time_order=False)
+        ]
+    names = {1: 'a/msg/Note', 2: 'a/msg/Other'}
+    expected = [(topic, names[schema], form, i) for i, (topic, schema, form) in enumerate(told)]
+    assert sorted(read, key=lambda one: one[3]) == expected
