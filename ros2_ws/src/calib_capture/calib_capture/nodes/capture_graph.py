@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
+import numpy as np
 from calib_interfaces.msg import ProbingPose, StylusDisplacements
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -38,7 +39,7 @@ from calib_capture.recording import (
 from calib_model.bags import TEMPERATURE_NOTE, FileAccount
 from calib_model.descriptions import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.errors import ParameterError
-from calib_model.instruments import PassiveProbe
+from calib_model.instruments import ActiveProbe, PassiveProbe
 from calib_model.labelling import SphereFinder
 from calib_model.nodes import joints_of, qos_of, stamp_of
 from calib_model.pairing import ClockEstimate, JointSample, Pairing, Reading
@@ -56,6 +57,8 @@ from calib_model.transforms import RigidTransform
 
 T = TypeVar('T')
 TICK = 0.02  # s
+#: a reading so many strokes long is no metres, and so many on end are no disturbance
+MANY_STROKES, ODD_READINGS = 20.0, 10
 SILENT = 2.0  # s without a message after which one is waited for
 DEEP = 5000  # messages of a hand-guided arm that wait while a disk is slow: it does not stop for us
 DESCRIPTIONS = {'arm': ARM_DESCRIPTION, 'probe': PROBE_DESCRIPTION, 'gauge': GAUGE_DESCRIPTION}
@@ -86,6 +89,7 @@ class CaptureNode(Node):
         self.taught: dict[int, RigidTransform] = {}
         self.watch: Callable[[JointSample | Reading], None] | None = None
         self.failure: RunError | None = None
+        self._odd = 0  # readings on end that no stylus makes
         self.commanding = ArmCommander(self)
         self._poses = self.create_publisher(ProbingPose, CAPTURE_POSES.name, qos_of(CAPTURE_POSES))
         self._listen_for_descriptions()
@@ -355,4 +359,17 @@ class CaptureNode(Node):
         elif isinstance(message, JointSample):
             self._session.take_joints(message, raw)
         else:
+            self._refuse_other_units(message)
             self._session.take_reading(message, raw)
+
+    def _refuse_other_units(self, reading: Reading) -> None:
+        """End the run where reading upon reading is many strokes long: of a driver in mm, say."""
+        if not isinstance(self.probe, ActiveProbe):
+            return
+        stroke, size = np.abs(self.probe.stroke).max(), np.abs(reading.displacement).max()
+        self._odd = self._odd + 1 if size > MANY_STROKES * stroke else 0
+        if self._odd == ODD_READINGS:
+            self.failure = RunError(
+                f'readings of {size:g} m on {PROBE_DISPLACEMENTS.name}, where a stylus moves by '
+                f'{stroke:g} m at most: is its driver in mm?'
+            )

@@ -43,6 +43,7 @@ from calib_model.instruments import Arm, Gauge, Probe
 from calib_model.progress import Pace, Progress, paced
 from calib_model.transforms import RigidTransform
 
+MANY_REACHES = 10.0  # of the arm: no gauge is that large
 SPARE_SHARE = 0.2
 REST_TRIALS = 2000
 
@@ -57,6 +58,25 @@ class Draft:
     spares: Candidates
 
 
+def refuse_other_lengths(arm: Arm, gauge: Gauge) -> None:
+    """Nothing, where a gauge is of a size that the arm could probe.
+
+    Raises:
+        ProgramError: its spheres are many reaches apart, or as large: in mm, most likely.
+    """
+    a, _, d, *_ = np.abs(arm.geometry)
+    reach = float(np.sum(a) + np.sum(d))
+    centers = np.array([center for _, center in gauge.spheres])
+    apart = float(np.linalg.norm(np.ptp(centers, axis=0))) if len(centers) else 0.0
+    for what, size in (('spheres up to', apart), ('spheres of', gauge.sphere_diameter)):
+        if size > MANY_REACHES * reach:
+            more = ' apart' if size == apart else ' diameter'
+            raise ProgramError(
+                f'{gauge.name}: {what} {size:g} m{more}, where {arm.name} reaches {reach:.3g} m: '
+                'is it in mm?'
+            )
+
+
 class Planner:
     """Makes programs for one arm with one probe.
 
@@ -67,6 +87,7 @@ class Planner:
     """
 
     def __init__(self, arm: Arm, probe: Probe, gauge: Gauge, settings: ProgramSettings) -> None:
+        refuse_other_lengths(arm, gauge)
         self.arm = arm
         self.gauge = gauge
         self.settings = settings

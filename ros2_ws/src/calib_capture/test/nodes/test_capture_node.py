@@ -156,6 +156,25 @@ def test_an_arm_that_goes_silent_ends_the_run_with_a_line_and_a_bag(
     assert len(read_measurement(tmp_path / 'bag').poses) >= 5
 
 
+def test_a_driver_in_millimetres_is_named_at_its_first_readings(
+    graph, perfect, asked, arm_node, tmp_path
+):
+    metres = perfect.touched
+
+    def millimetres(joints):
+        read, status = metres(joints)
+        return 1e3 * read + 0.7, status  # a driver's zero is its own, too
+
+    perfect.touched = millimetres
+    capture = graph.start(CAPTURE, **asked)
+    perfect.spin_while(capture)
+    _, error = capture.communicate()
+    assert capture.returncode == 2
+    assert '/probe/displacements, where a stylus moves by 0.003 m at most: is its driver' in error
+    assert len(error.strip().splitlines()) == 1
+    assert not perfect.poses
+
+
 def test_of_a_probe_started_anew_no_pose_is_taken_before_it_can_have_described_itself(
     graph, perfect, asked, arm_node, probe, tmp_path
 ):

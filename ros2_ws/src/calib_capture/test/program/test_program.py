@@ -149,6 +149,17 @@ def test_what_cannot_be_planned_is_refused_with_a_line(kr5, probe, gauge, placem
         Planner(kr5, probe, gauge, replace(SETTINGS, offset=(0.001, 0.004)))
 
 
+def test_a_gauge_in_millimetres_is_named_before_anything_is_planned(kr5, probe, gauge):
+    long = tuple((number, tuple(1e3 * np.array(center))) for number, center in gauge.spheres)
+    for wrong, said in (
+        (replace(gauge, spheres=long), 'm apart, where'),
+        (replace(gauge, sphere_diameter=22.0), 'spheres of 22 m diameter'),
+    ):
+        with pytest.raises(ProgramError, match=said) as refused:
+            Planner(kr5, probe, wrong, ProgramSettings())
+        assert 'is it in mm?' in str(refused.value)
+
+
 def test_a_sphere_out_of_reach_is_named_and_the_others_are_planned(kr5, probe, gauge):
     half_out = {1: RigidTransform(np.array([0.5, 0.0, 0.4]), np.zeros(3))}
     settings = replace(SETTINGS, poses_per_sphere=10)
