@@ -30,9 +30,11 @@ from calib_model.pairing import (
     read_raw,
     settings_of,
 )
+from calib_model.stamps import SECOND
 from calib_model.topics import ARM_DESCRIPTION, GAUGE_DESCRIPTION, PROBE_DESCRIPTION
 
 MOST_STRAYS = 5  # that are told one by one
+NEEDED_RATE = 50.0  # Hz of joint states, of an arm that moves while it is paired
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,8 @@ def label_bag(
         f'{streams.seconds:.0f} s',
         *paired.lines(),
     ]
+    if not paired.standing:
+        lines += _slow_states(streams.joints, streams.joint_stamp)
     if streams.late:
         lines.append(
             f'{streams.late} messages out of order, or with stamps that came twice, left out'
@@ -109,6 +113,22 @@ def label_bag(
         raise DataError(f'{path}: {_nothing(grouped)}')
     measured = Measurement(arm, probe, gauge, _by_place(poses, grouped), str(path))
     return Sorted(measured, tuple(grouped.locations), certificate, grouping.near, tuple(lines))
+
+
+def _slow_states(joints: Array, stamp: NDArray[np.int64]) -> list[str]:
+    """A line where the joints of an arm that moves are new less often than pairing needs."""
+    new = np.flatnonzero((np.diff(joints, axis=0) != 0).any(axis=1)) + 1
+    if len(new) < 3:
+        return []
+    every, sent = np.median(np.diff(stamp[new])), np.median(np.diff(stamp))
+    if every <= SECOND / NEEDED_RATE:
+        return []
+    repeated = f' ({SECOND / sent:.0f} are sent, most of them repeat)' if every > 2 * sent else ''
+    return [
+        f'warning: joint positions are new {SECOND / every:.1f} times a second{repeated}: of an '
+        f'arm that is led {NEEDED_RATE:.0f} and more are needed, poses are off by what it does '
+        'between'
+    ]
 
 
 def _guided(note: Mapping[str, str], source: str) -> tuple[HandGuidedSettings | None, int]:
