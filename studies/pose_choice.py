@@ -147,7 +147,7 @@ def predicted(given: Candidates, rows: Sequence[Indices]) -> Predicted:
     """What a program promises."""
     information = given.information
     matrix = information_matrix(information, given.pools, rows)
-    parameters = np.exp(-log_det(matrix) / (2 * len(information)))
+    parameters = np.exp(-log_det(matrix) / (2 * len(information.table.free)))
     return Predicted(
         information.position_uncertainty(matrix),
         float(information.position_uncertainties(matrix).max()),

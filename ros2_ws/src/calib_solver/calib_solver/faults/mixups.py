@@ -65,6 +65,10 @@ def named_mixups(
     """
     places = _places(len(measured.poses))
     few = replace(measured, poses=measured.poses.take(places))
+    if far:
+        size, near = _solved(Problem.of(few), solver)
+        if near and size <= NEARLY * spread:
+            return ()  # they are far for want of a prior, not of an explanation
     simple = _likely(few, mixups(measured), spread, solver, far)
     return simple or _likely(few, _jumps(few, solver, places), spread, solver, far)
 
