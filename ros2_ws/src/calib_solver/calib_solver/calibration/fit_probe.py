@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,7 +33,8 @@ def fit_probe_from(sources: Sources, output: str = '') -> Fitted:
         CalibrationError: the bag cannot be used, the readings leave P undetermined, or the file
             cannot be written.
     """
-    if output and (Path(output) / 'result.json').exists():
+    # os.path: a name that no file can have is refused below
+    if output and os.path.exists(os.path.join(output, 'result.json')):
         raise CalibrationError(
             f'{output}: holds what identify wrote, and its probe.yaml: name another folder'
         )

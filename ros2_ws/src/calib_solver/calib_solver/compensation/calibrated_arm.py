@@ -46,9 +46,9 @@ def read_calibrated(folder: str | Path) -> Calibrated:
         CalibrationError: a file is missing, is not what `identify` writes, or is of another result.
     """
     folder = Path(folder)
-    refuse_mixture(folder)
     arm = read_description(folder / 'arm.yaml', parse_arm)
     probe = read_description(folder / 'probe.yaml', parse_probe)
+    refuse_mixture(folder)
     path = folder / 'result.json'
     table = ParameterTable.of(arm, probe)
     full = table.nominal.copy()

@@ -65,7 +65,7 @@ def named_mixups(
     """
     places = _places(len(measured.poses))
     few = replace(measured, poses=measured.poses.take(places))
-    if far:
+    if far and spread <= EXPLAINED:
         size, near = _solved(Problem.of(few), solver)
         if near and size <= NEARLY * spread:
             return ()  # they are far for want of a prior, not of an explanation

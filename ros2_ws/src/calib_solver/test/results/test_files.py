@@ -157,6 +157,7 @@ def test_written_files_are_whole_and_what_the_record_says(output):
     assert {path.name for path in done.written} == {path.name for path in folder.iterdir()}
     record = read_result(folder)
     result_schema.result(record)
+    assert set(record.pop('files')) == {path.name for path in done.written} - {'result.json'}
     assert record == as_written(done.record)
     arm = read_description(folder / 'arm.yaml', parse_arm)
     probe = read_description(folder / 'probe.yaml', parse_probe)
