@@ -16,16 +16,24 @@ from calib_model.arrays import Array
 from calib_model.instruments import Gauge
 from calib_solver.fitting import (
     Fit,
-    Quadratic,
     Solver,
+    Uncertainty,
+    apart,
     distance_errors,
     estimate_uncertainty,
     fit_placement,
+    linear_step,
 )
-from calib_solver.problem import IntArray, Problem, SphereSums, gathered, take_groups
+from calib_solver.problem import (
+    IntArray,
+    Problem,
+    SphereSums,
+    location_folds,
+    take_groups,
+    taken_sums,
+    without,
+)
 
-#: more locations than this are left out several at a time
-MOST_FOLDS = 10
 #: regions of postures that a single location is cut into, none with fewer poses than this
 REGIONS, FEWEST_POSES = 5, 4
 #: the excess over what is stated counts from so many of its own standard deviations on
@@ -96,13 +104,14 @@ def judge_left_out(problem: Problem, solver: Solver, fit: Fit, sums: SphereSums)
     )
     if len(folds) < 2:
         return None
-    placed = _Placed.at(finer, of_finer)
+    placed, between = _Placed.at(finer, of_finer), distance_errors(problem, sums)
+    prior, wider = fit.kappa * solver.information, solver.wider(fit)
     positions, distances = [], []
     for fold in folds:
         quadratic = solver.objective(fold.problem, fold.sums)
         if quadratic.terms < 1:
             return None
-        step = linear_step(quadratic, fit.kappa * solver.information, fit.x)
+        step = linear_step(quadratic.normal, quadratic.gradient, prior, fit.x)
         sure = estimate_uncertainty(
             fold.problem,
             solver.options.objective,
@@ -111,12 +120,11 @@ def judge_left_out(problem: Problem, solver: Solver, fit: Fit, sums: SphereSums)
             fit.kappa,
             solver.information,
             solver.options.prior.strength,
-            solver.wider(fit),
+            wider,
         )
-        noise = sure.noise**2
-        positions.append(placed.errors(finer, of_finer, fold.rows, step, sure.covariance, noise))
+        positions.append(placed.errors(of_finer, fold.rows, step, sure))
         if len(fold.pairs):
-            distances.append(_distances(problem, sums, fold.pairs, step, sure.covariance, noise))
+            distances.append(_distances(problem, sums, between, fold.pairs, step, sure))
     return LeftOut(
         by,
         len(folds),
@@ -142,31 +150,12 @@ def left_out_warnings(left_out: LeftOut | None, named: bool) -> tuple[str, ...]:
     )
 
 
-def linear_step(quadratic: Quadratic, prior: Array, about: Array) -> Array:
-    """The step (F,) to the minimum of an objective taken as `quadratic`, with a prior that adds
-    `prior` (F,) to J'J about offsets -`about` (F,) from here."""
-    normal = quadratic.normal + np.diag(prior)
-    scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    values, vectors = np.linalg.eigh(scale[:, None] * normal * scale)
-    kept = values > 1e-13 * values.max(initial=1e-300)
-    along = vectors[:, kept].T @ (scale * (quadratic.gradient + prior * about)) / values[kept]
-    step: Array = -scale * (vectors[:, kept] @ along)
-    return step
-
-
 def _locations(problem: Problem, sums: SphereSums) -> list[_Fold]:
     """Each gauge location left out, or several at a time."""
-    groups = problem.locations
-    count = min(len(groups), MOST_FOLDS)
-    every = np.arange(len(problem.keys))
     folds = []
-    for first in range(count):
-        rows = np.sort(np.concatenate(groups[first::count]))
-        kept = gathered(problem, np.setdiff1d(every, rows))
+    for rows in location_folds(problem):
         own = np.flatnonzero(np.isin(problem.pairs, rows).any(axis=1))
-        folds.append(
-            _Fold(take_groups(problem, kept), _taken(sums, np.concatenate(kept)), rows, own)
-        )
+        folds.append(_Fold(*without(problem, sums, rows), rows, own))
     return folds
 
 
@@ -205,13 +194,9 @@ def _postures(
     return finer, sums, folds
 
 
-def _taken(sums: SphereSums, rows: IntArray) -> SphereSums:
-    return SphereSums(*(getattr(sums, field.name)[rows] for field in fields(SphereSums)))
-
-
 def _merged(sums: SphereSums, groups: list[IntArray]) -> SphereSums:
     """The sums of spheres put together from the rows of each group."""
-    merged = [_one(_taken(sums, rows)) for rows in groups]
+    merged = [_one(taken_sums(sums, rows)) for rows in groups]
     return SphereSums(
         *(np.stack([getattr(one, field.name) for one in merged]) for field in fields(SphereSums))
     )
@@ -254,23 +239,15 @@ class _Placed:
             certified[rows] = _of_centers(problem.measured.gauge, problem.keys[rows, 1])
         return cls(residual, slope, certified)
 
-    def errors(
-        self,
-        problem: Problem,
-        sums: SphereSums,
-        rows: IntArray,
-        step: Array,
-        covariance: Array,
-        noise: float,
-    ) -> _Errors:
-        """Of the poses of some spheres, after a step (F,) that is sure to `covariance` (F, F)."""
-        free = len(step)
+    def errors(self, sums: SphereSums, rows: IntArray, step: Array, sure: Uncertainty) -> _Errors:
+        """Of the poses of some spheres, after a step (F,) that is so sure."""
+        free, noise = len(step), sure.noise**2
         slope = self.slope[rows].reshape(-1, free)
         moved = self.residual[rows].reshape(-1) + slope @ step
         normal = sums.normal[rows].sum(axis=0)
         bent = step @ normal @ step + 2 * sums.gradient[rows].sum(axis=0) @ step
         seen = max(float(sums.spread[rows].sum() + bent), 0.0) + float(moved @ moved)
-        stated = covariance @ (normal + slope.T @ slope)
+        stated = sure.covariance @ (normal + slope.T @ slope)
         count = float(sums.count[rows].sum())
         by_noise = noise * 3 * count + float(sums.count[rows] @ self.certified[rows])
         by_parameters = float(np.trace(stated))
@@ -289,20 +266,20 @@ def _of_centers(gauge: Gauge, numbers: IntArray) -> Array:
 def _distances(
     problem: Problem,
     sums: SphereSums,
+    between: tuple[Array, Array],
     rows: IntArray,
     step: Array,
-    covariance: Array,
-    noise: float,
+    sure: Uncertainty,
 ) -> _Errors:
-    """Of some of the distances, after a step (F,) that is sure to `covariance` (F, F)."""
-    error, slope = distance_errors(problem, sums)
-    slope = slope[rows]
-    error = error[rows] + slope @ step
+    """Of some of the distances, whose errors and slopes are `between`, after a step (F,) that is
+    so sure."""
+    slope = between[1][rows]
+    error = between[0][rows] + slope @ step
     gauge = problem.measured.gauge
     certified = [(gauge.distance_uncertainty(length) / 2) ** 2 for length in problem.nominal[rows]]
     means = _by_means(problem, sums, rows)
-    by_noise = noise * means @ means.T + np.diag(certified)
-    by_parameters = slope @ covariance @ slope.T
+    by_noise = sure.noise**2 * means @ means.T + np.diag(certified)
+    by_parameters = slope @ sure.covariance @ slope.T
     return _Errors(
         float(error @ error),
         float(np.trace(by_noise)),
@@ -318,8 +295,7 @@ def _by_means(problem: Problem, sums: SphereSums, rows: IntArray) -> Array:
     pairs = problem.pairs[rows]
     spheres, place = np.unique(pairs, return_inverse=True)
     place = place.reshape(-1, 2)
-    between = sums.center[pairs[:, 0]] - sums.center[pairs[:, 1]]
-    unit = between / np.maximum(np.linalg.norm(between, axis=1), 1e-300)[:, None]
+    _, unit = apart(sums.center, pairs)
     means = np.zeros((len(rows), len(spheres), 3))
     each = np.arange(len(rows))
     means[each, place[:, 0]], means[each, place[:, 1]] = unit, -unit

@@ -7,18 +7,22 @@ the identified parameters, tells every candidate's fit without every location.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from calib_model.arrays import Array
-from calib_solver.fitting import Quadratic, distance_errors, objective, repeatability_weights
-from calib_solver.problem import IntArray, Problem, SphereSums, gathered, take_groups
+from calib_solver.fitting import (
+    Quadratic,
+    distance_errors,
+    linear_step,
+    objective,
+    repeatability_weights,
+)
+from calib_solver.problem import IntArray, Problem, SphereSums, location_folds, without
 
 #: fewer locations than this do not tell gain from luck
 FEWEST_LOCATIONS = 4
-#: more locations than this are left out several at a time
-MOST_FOLDS = 10
 #: nothing is added for less than this part of the error
 LEAST_GAIN = 0.02
 #: nor for a gain that is less than this many standard errors (Student, 97.5 %), by folds from 4 on
@@ -117,39 +121,25 @@ class LeaveOneOut:
         self.sums = sums
         self.kappa = kappa
         self._objective = objective(name)
-        groups = problem.locations
-        count = min(len(groups), MOST_FOLDS)
-        self.folds: list[IntArray] = [
-            np.sort(np.concatenate(groups[i::count])) for i in range(count)
-        ]
-        every = np.arange(len(problem.keys))
-        self.whole = self._quadratic(every)
-        self._without = [self._quadratic(np.setdiff1d(every, fold)) for fold in self.folds]
+        self.folds = location_folds(problem)
+        nothing = np.zeros(0, dtype=np.int64)
+        self.whole, *self._without = (
+            self._objective(*without(problem, sums, rows)) for rows in (nothing, *self.folds)
+        )
         self._error, self._slope = distance_errors(problem, sums)
-
-    def _quadratic(self, rows: IntArray) -> Quadratic:
-        groups = gathered(self.problem, rows)
-        taken = np.concatenate(groups)
-        part = SphereSums(*(getattr(self.sums, field.name)[taken] for field in fields(SphereSums)))
-        return self._objective(take_groups(self.problem, groups), part)
 
     def fit(self, columns: IntArray, information: Array, about: Array, where: Quadratic) -> Array:
         """The step (F,) by `columns`, zero in the others, to the minimum of `where`.
 
         `information` (F,) is that of the prior, about offsets -`about` (F,) from here.
         """
-        prior = self.kappa * information[columns]
-        normal = where.normal[np.ix_(columns, columns)] + np.diag(prior)
-        gradient = where.gradient[columns] + prior * about[columns]
         step = np.zeros(len(where.gradient))
-        if (prior > 0).all():
-            step[columns] = -np.linalg.solve(normal, gradient)
-            return step
-        scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        values, vectors = np.linalg.eigh(scale[:, None] * normal * scale)
-        kept = values > 1e-13 * values.max(initial=1e-300)
-        along = (vectors[:, kept].T @ (scale * gradient)) / values[kept]
-        step[columns] = -scale * (vectors[:, kept] @ along)
+        step[columns] = linear_step(
+            where.normal[np.ix_(columns, columns)],
+            where.gradient[columns],
+            self.kappa * information[columns],
+            about[columns],
+        )
         return step
 
     def scores(self, columns: IntArray, information: Array, about: Array) -> Scores:

@@ -8,12 +8,14 @@ from calib_model.lazy import lazily
 if TYPE_CHECKING:
     from calib_solver.fitting.levenberg_marquardt import (
         Fit as Fit,
+        linear_step as linear_step,
         minimise as minimise,
     )
     from calib_solver.fitting.objectives import (
         OBJECTIVES as OBJECTIVES,
         Objective as Objective,
         Quadratic as Quadratic,
+        apart as apart,
         distance_errors as distance_errors,
         distance_repeatability as distance_repeatability,
         fit_placement as fit_placement,

@@ -28,6 +28,8 @@ ROUNDING = 2e-15
 #: eigenvalues are their squares, and of J itself where the objective gives its rows
 NORMAL_TOLERANCE = 1e-7
 ROWS_TOLERANCE = 1e-13
+#: eigenvalues of the scaled J'J below this part of the largest, where it is solved once
+LINEAR_TOLERANCE = 1e-13
 #: damping, as a part of the largest singular value: from next to Gauss-Newton to steepest descent
 LEAST_DAMPING = 1e-24
 #: so many full steps on end that gain nothing but rounding say that no more is to be had
@@ -71,6 +73,23 @@ def modes(quadratic: Quadratic, scale: Array, information: Array, offset: Array)
         along = values * (u.T @ np.concatenate([residual, np.sqrt(information) * offset]))
         tolerance = ROWS_TOLERANCE
     return Modes(values, vectors, along, values > tolerance * values.max(initial=1e-300))
+
+
+def linear_step(normal: Array, gradient: Array, prior: Array, about: Array) -> Array:
+    """The step (F,) to the minimum of an objective with J'J `normal` (F, F) and J'r `gradient`
+    (F,), taken as linear; a prior adds `prior` (F,) to J'J, about offsets -`about` (F,) from here.
+    """
+    normal, gradient = normal + np.diag(prior), gradient + prior * about
+    size = np.maximum(np.diag(normal), 1e-300)
+    if (prior > LINEAR_TOLERANCE * size).all():
+        direct = -np.linalg.solve(normal, gradient)
+        return np.asarray(direct, dtype=np.float64)
+    scale = 1 / np.sqrt(size)
+    values, vectors = np.linalg.eigh(scale[:, None] * normal * scale)
+    kept = values > LINEAR_TOLERANCE * values.max(initial=1e-300)
+    along = (vectors[:, kept].T @ (scale * gradient)) / values[kept]
+    step: Array = -scale * (vectors[:, kept] @ along)
+    return step
 
 
 @dataclass(frozen=True)

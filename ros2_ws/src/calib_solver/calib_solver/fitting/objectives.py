@@ -43,12 +43,23 @@ class Quadratic:
 
 def distance_errors(problem: Problem, sums: SphereSums) -> tuple[Array, Array]:
     """D - D0 (M,) in m for every certified distance, and its Jacobian (M, F): eqs. 5 to 7."""
+    return errors_between(problem, sums.center, sums.jacobian)
+
+
+def errors_between(problem: Problem, center: Array, jacobian: Array) -> tuple[Array, Array]:
+    """The same for centres (S, 3), m, that go with parameters as their `jacobian` (S, 3, F)."""
     first, second = problem.pairs.T
-    between = sums.center[first] - sums.center[second]
-    measured = np.linalg.norm(between, axis=1)
-    unit = between / np.maximum(measured, 1e-300)[:, None]
-    slope = np.einsum('mk,mkf->mf', unit, sums.jacobian[first] - sums.jacobian[second])
+    measured, unit = apart(center, problem.pairs)
+    slope = np.einsum('mk,mkf->mf', unit, jacobian[first] - jacobian[second])
     return measured - problem.nominal, slope
+
+
+def apart(center: Array, pairs: IntArray) -> tuple[Array, Array]:
+    """How far apart (m,) the two centres (S, 3) of each pair (m, 2) are, and the unit vectors
+    (m, 3) from the second to the first."""
+    between = center[pairs[:, 0]] - center[pairs[:, 1]]
+    length = np.linalg.norm(between, axis=1)
+    return length, between / np.maximum(length, 1e-300)[:, None]
 
 
 def distance(problem: Problem, sums: SphereSums) -> Quadratic:

@@ -20,7 +20,7 @@ from calib_model.transforms import (
     skew,
 )
 from calib_solver.fitting.levenberg_marquardt import minimise
-from calib_solver.fitting.objectives import Quadratic, distance_errors
+from calib_solver.fitting.objectives import Quadratic, distance_errors, errors_between
 from calib_solver.fitting.probe_mount_linear import (
     LinearFit,
     MountSums,
@@ -131,13 +131,7 @@ def _scatter(problem: Problem, sums: MountSums, mount: Array, use_distances: boo
     )
     if not use_distances or len(problem.pairs) == 0:
         return total
-    first, second = problem.pairs.T
-    center, moved = sums.mean @ numbers, sums.mean @ turn
-    between = center[first] - center[second]
-    measured = np.linalg.norm(between, axis=1)
-    unit = between / np.maximum(measured, 1e-300)[:, None]
-    error = measured - problem.nominal
-    slope = np.einsum('mk,mkf->mf', unit, moved[first] - moved[second])
+    error, slope = errors_between(problem, sums.mean @ numbers, sums.mean @ turn)
     weight = _weight(problem, sums.weight)
     return total + Quadratic(
         float(weight @ error**2),

@@ -16,6 +16,7 @@ from calib_model.arrays import Array
 from calib_model.instruments import Gauge
 from calib_solver.fitting.objectives import (
     Quadratic,
+    apart,
     distance_errors,
     fit_placement,
     repeatability_weights,
@@ -132,15 +133,13 @@ def _distance_leverage(problem: Problem, sums: SphereSums) -> tuple[Array, Array
     the coordinates of the gauge's K spheres, shape (3K, F)."""
     _, slope = distance_errors(problem, sums)
     first, second = problem.pairs.T
-    between = sums.center[first] - sums.center[second]
-    unit = between / np.maximum(np.linalg.norm(between, axis=1), 1e-300)[:, None]
+    _, unit = apart(sums.center, problem.pairs)
     weighted = unit[:, :, None] * slope[:, None, :]
     leverage = np.zeros((len(problem.keys), 3, slope.shape[1]))
     np.add.at(leverage, first, weighted)
     np.add.at(leverage, second, -weighted)
     certified, place = _certified(problem)
-    apart = certified[place[first]] - certified[place[second]]
-    unit = apart / np.maximum(np.linalg.norm(apart, axis=1), 1e-300)[:, None]
+    _, unit = apart(certified, place[problem.pairs])
     weighted = unit[:, :, None] * slope[:, None, :]
     by_center = np.zeros((len(certified), 3, slope.shape[1]))
     np.add.at(by_center, place[first], -weighted)

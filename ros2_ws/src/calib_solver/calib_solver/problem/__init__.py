@@ -26,7 +26,10 @@ if TYPE_CHECKING:
     )
     from calib_solver.problem.subproblem import (
         gathered as gathered,
+        location_folds as location_folds,
         take_groups as take_groups,
+        taken_sums as taken_sums,
+        without as without,
     )
 else:
     __getattr__, __dir__, __all__ = lazily(__name__, __file__)

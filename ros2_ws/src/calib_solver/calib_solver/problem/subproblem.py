@@ -4,12 +4,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
 from calib_model.arrays import frozen
 from calib_solver.problem.problem import IntArray, Problem
+from calib_solver.problem.sphere_sums import SphereSums
+
+#: more locations than this are left out several at a time
+MOST_FOLDS = 10
 
 
 def take_groups(problem: Problem, groups: Sequence[IntArray]) -> Problem:
@@ -53,6 +57,24 @@ def take_groups(problem: Problem, groups: Sequence[IntArray]) -> Problem:
         nominal=frozen(np.concatenate(nominal)),
         pair_weight=frozen(np.concatenate(pair_weight)),
     )
+
+
+def location_folds(problem: Problem) -> list[IntArray]:
+    """Rows of `problem.keys` to leave out in turn: one location each, or several of many."""
+    groups = problem.locations
+    count = min(len(groups), MOST_FOLDS)
+    return [np.sort(np.concatenate(groups[i::count])) for i in range(count)]
+
+
+def without(problem: Problem, sums: SphereSums, rows: IntArray) -> tuple[Problem, SphereSums]:
+    """The problem less some rows of its `keys`, and its part of the sums."""
+    groups = gathered(problem, np.setdiff1d(np.arange(len(problem.keys)), rows))
+    return take_groups(problem, groups), taken_sums(sums, np.concatenate(groups))
+
+
+def taken_sums(sums: SphereSums, rows: IntArray) -> SphereSums:
+    """The sums of some spheres."""
+    return SphereSums(*(getattr(sums, field.name)[rows] for field in fields(SphereSums)))
 
 
 def gathered(problem: Problem, rows: IntArray) -> list[IntArray]:
