@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Between what numbers the settings of pairing may be."""
+"""Between what numbers settings may be."""
 
 from __future__ import annotations
 
@@ -16,3 +16,6 @@ PAIRING = {
     'seated': (0.0, 60.0),
     'min_readings': (1, 1e6),
 }
+
+#: deg C of a gauge: below the one nothing is, above the other no probe works
+TEMPERATURE = -273.15, 500.0

@@ -27,6 +27,7 @@ from calib_solver.error_models import (
     table_with,
 )
 from calib_solver.faults import (
+    SMALL,
     Rejected,
     certificate_warnings,
     distance_warnings,
@@ -39,7 +40,6 @@ from calib_solver.faults import (
     pose_warnings,
 )
 from calib_solver.fitting import (
-    AUTO,
     DEFAULT_PRIOR,
     LEADING,
     Accumulate,
@@ -64,8 +64,6 @@ from calib_solver.preparation import Prepared, checked_options, prepare
 from calib_solver.problem import Problem, SphereSums, accumulate
 from calib_solver.quality import Quality, assess
 
-#: m, poses of a sphere that lie further apart than that (rms) are looked into
-SMALL = 3e-4
 #: a prior that was given is in the way where without it they lie this part of that apart
 LESS = 0.5
 
@@ -196,10 +194,7 @@ def _solved(prepared: Prepared) -> _Solved:
     fit, descent = prepared.solver.solve(problem, prepared.descent)
     solver = prepared.solver.with_widths(descent)
     errors: JointErrorChoice | None = None
-    # eq. 13 alone has too few terms to tell joint errors unless somebody knows better
-    if solver.options.joint_errors and not (
-        solver.options.joint_errors == (AUTO,) and solver.options.objective == 'distance'
-    ):
+    if solver.options.joint_errors:
         errors = choose_joint_errors(problem, solver, fit)
         if errors.accepted:
             table = table_with(solver.table, problem, errors.accepted, solver.options.links)

@@ -15,7 +15,16 @@ from calib_solver.faults import (
     stuck_stretches,
     without_gross_errors,
 )
-from calib_solver.fitting import LEADING, LOSSES, Descent, Options, ProbeFit, Solver, try_probe_fit
+from calib_solver.fitting import (
+    AUTO,
+    LEADING,
+    LOSSES,
+    Descent,
+    Options,
+    ProbeFit,
+    Solver,
+    try_probe_fit,
+)
 from calib_solver.problem import Problem
 from calib_solver.quality import Quality, assess
 
@@ -38,7 +47,9 @@ def checked_options(options: Options) -> Options:
     """The options, if there are such."""
     checked_choice(options.correction)
     checked_kinds(options.joint_errors, options.links)
-    if options.quick:
+    # eq. 13 alone has too few terms to tell joint errors unless somebody knows better
+    unasked = options.joint_errors == (AUTO,)
+    if options.quick or (unasked and options.objective == 'distance'):
         options = replace(options, joint_errors=())
     if options.loss not in LOSSES:
         raise DataError(f'no loss {options.loss!r}: expected one of {", ".join(LOSSES)}')

@@ -12,7 +12,8 @@ from calib_capture.default_files import configured, explained
 from calib_capture.motion import BodySettings, parse_bodies
 from calib_capture.program import ProgramSettings
 from calib_capture.recording import RunSettings
-from calib_model.bags import HIGHEST, LOWEST, Temperature
+from calib_model.bags import Temperature
+from calib_model.bounds import TEMPERATURE
 from calib_model.descriptions import parse_placements, read_description
 from calib_model.errors import ParameterError
 from calib_model.files import Folders, usual_writing
@@ -183,10 +184,10 @@ class ParameterReader:
 
     def _temperature(self) -> Temperature | None:
         text = 'deg C of the gauge, for the bag to tell; -1000: not measured'
-        celsius = self._number('temperature', UNKNOWN, text, UNKNOWN, HIGHEST)
+        celsius = self._number('temperature', UNKNOWN, text, UNKNOWN, TEMPERATURE[1])
         text = 'K, standard uncertainty of the temperature'
         sure = self._number('temperature_uncertainty', 0.0, text, 0.0, 100.0)
-        return Temperature(celsius, sure) if celsius > LOWEST else None
+        return Temperature(celsius, sure) if celsius > TEMPERATURE[0] else None
 
     def _run(self, steady: SteadySettings) -> RunSettings:
         default = RunSettings()

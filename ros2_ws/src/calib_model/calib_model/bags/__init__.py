@@ -46,8 +46,6 @@ if TYPE_CHECKING:
         repair as repair,
     )
     from calib_model.bags.temperature import (
-        HIGHEST as HIGHEST,
-        LOWEST as LOWEST,
         TEMPERATURE_NOTE as TEMPERATURE_NOTE,
         Temperature as Temperature,
         read_temperature as read_temperature,

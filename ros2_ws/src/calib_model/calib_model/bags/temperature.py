@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calib_model.bags.reader import read_note
+from calib_model.bounds import TEMPERATURE
 from calib_model.errors import BagError
 
 TEMPERATURE_NOTE = 'gauge temperature'
-#: deg C: below it nothing is, above it no probe works
-LOWEST, HIGHEST = -273.15, 500.0
 
 
 @dataclass(frozen=True)
@@ -25,7 +24,8 @@ class Temperature:
     @property
     def plausible(self) -> bool:
         """Whether there are gauges like that."""
-        return LOWEST <= self.celsius <= HIGHEST and 0 <= self.uncertainty <= HIGHEST
+        lowest, highest = TEMPERATURE
+        return lowest <= self.celsius <= highest and 0 <= self.uncertainty <= highest
 
     def content(self) -> dict[str, str]:
         """The note that says so."""

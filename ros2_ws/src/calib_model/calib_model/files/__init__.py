@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         FolderLock as FolderLock,
     )
     from calib_model.files.one_result import (
+        OPTIONAL as OPTIONAL,
         file_hashes as file_hashes,
         refuse_mixture as refuse_mixture,
     )

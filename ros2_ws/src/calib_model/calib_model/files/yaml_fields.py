@@ -44,7 +44,7 @@ class Fields:
 
             # an unknown key is let pass (a comment, a newer field), a misspelt one is not
             close = get_close_matches(str(key), keys, n=1, cutoff=0.8)
-            if key not in keys and close:
+            if close:
                 raise DescriptionError(source, where, f'unknown key {key!r}: is it {close[0]!r}?')
 
     def __contains__(self, key: str) -> bool:

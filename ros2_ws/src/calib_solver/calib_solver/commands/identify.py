@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from calib_model import bags
+from calib_model.bounds import TEMPERATURE
 from calib_model.command_line import CommandParser, UsageError, number_from, run_command
 from calib_model.progress import Progress
 from calib_solver import calibration, error_models, fitting, report, resampling
@@ -64,7 +65,7 @@ def arguments() -> CommandParser:
     )
     parser.add_argument(
         '--temperature',
-        type=number_from(-273.15, 500.0),
+        type=number_from(*TEMPERATURE),
         metavar='C',
         help="of the gauge, deg C, not the bag's: its certified lengths are taken there",
     )

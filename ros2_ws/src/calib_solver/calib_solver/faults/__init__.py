@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         stuck_stretches as stuck_stretches,
     )
     from calib_solver.faults.warnings import (
+        SMALL as SMALL,
         distance_warnings as distance_warnings,
         parameter_warnings as parameter_warnings,
         pose_warnings as pose_warnings,

@@ -68,15 +68,9 @@ class ResidualProjection:
         (K,) on, ascending places in the measurement: columns by moment are sums of fewer and fewer
         poses, so that running sums tell their products, J times (K,), (K, K), (K,)."""
         count, faults = len(fault), fault.shape[2]
-        in_time = np.argsort(self.when, kind='stable')
-        first = np.searchsorted(self.when[in_time], moments)
 
         def later(values: Array) -> Array:
-            """Sums (K, ...) of values (N, ...) over the poses from each moment on."""
-            running = np.cumsum(values[in_time[::-1]], axis=0)[::-1]
-            ended = np.concatenate([running, np.zeros((1, *values.shape[1:]))])
-            sums: Array = ended[first]
-            return sums
+            return sums_from(values, self.when, moments)
 
         # what is centred has the same product with a column as with the centred column
         known = self._known[: 3 * count].reshape(count, 3, -1)
@@ -132,6 +126,15 @@ def rough_spread(problem: Problem, table: ParameterTable, sigma: Array) -> float
     return float(np.sqrt(max(cost, 0.0) / len(rows)))
 
 
+def sums_from(values: Array, when: IntArray, moments: IntArray) -> Array:
+    """Sums (K, ...) of values (N, ...) that came at `when` (N,), from each moment (K,) on."""
+    in_time = np.argsort(when, kind='stable')
+    running = np.cumsum(values[in_time[::-1]], axis=0)[::-1]
+    ended = np.concatenate([running, np.zeros((1, *values.shape[1:]))])
+    sums: Array = ended[np.searchsorted(when[in_time], moments)]
+    return sums
+
+
 class _BySphere:
     """Rows of poses sphere by sphere."""
 
@@ -152,9 +155,7 @@ class _BySphere:
         earlier ones taken as zero, times the root of its count: (3 S, K, J)."""
         found: Array = np.zeros((len(self._start), 3, len(moments), values.shape[2]))
         for row, (start, count) in enumerate(zip(self._start, self._count, strict=True)):
-            own = start + np.argsort(when[start : start + count], kind='stable')
-            running = np.cumsum(values[own[::-1]], axis=0)[::-1]
-            ended = np.concatenate([running, np.zeros((1, *values.shape[1:]))])
-            later = ended[np.searchsorted(when[own], moments)]
+            own = slice(start, start + count)
+            later = sums_from(values[own], when[own], moments)
             found[row] = np.swapaxes(later, 0, 1) / np.sqrt(count)
         return found.reshape(-1, len(moments), values.shape[2])

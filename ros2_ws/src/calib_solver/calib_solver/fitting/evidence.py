@@ -61,8 +61,19 @@ class Group:
     kind: IntArray
     turns: Mask
 
-    def without_turns(self, fit: Fit) -> Fit:
-        """The same minimum by angles within half a turn of nominal."""
+    def minimised(
+        self,
+        evaluate: Evaluate,
+        start: Array,
+        information: Array,
+        least_noise: float,
+        kappa: float | None = None,
+        scale: Array | None = None,
+    ) -> Fit:
+        """As `minimise`, in steps of `scale` (F,) or `sigma`, its angles within half a turn of
+        nominal."""
+        steps = self.sigma if scale is None else scale
+        fit = minimise(evaluate, start, steps, information, least_noise, kappa)
         turned = np.where(self.turns, np.round(fit.x / (2 * np.pi)), 0.0)
         return replace(fit, x=fit.x - 2 * np.pi * turned) if turned.any() else fit
 
@@ -167,8 +178,7 @@ def minimise_by_evidence(
     """
     held: tuple[Fit, ...]
     if times is not None:
-        fit = minimise(evaluate, start, group.sigma, group.information(times), least_noise)
-        held = (group.without_turns(fit),)
+        held = (group.minimised(evaluate, start, group.information(times), least_noise),)
         return _tightened(evaluate, held, group, times, least_noise)
     weak = group.weak()
     held = _weakly_held(evaluate, start, group, weak, least_noise)
@@ -198,12 +208,10 @@ def _other(
 ) -> tuple[Fit, ...]:
     """From the start with widths already known, or without any prior."""
     if times is None:
-        fit = minimise(evaluate, start, group.sigma, np.zeros(len(start)), least_noise)
-        return (group.without_turns(fit),)
+        return (group.minimised(evaluate, start, np.zeros(len(start)), least_noise),)
     information = group.information(times)
     kappa = None if (times == 1).all() else FIRST_NOISE**2
-    fit = minimise(evaluate, start, group.sigma, information, least_noise, kappa)
-    return (group.without_turns(fit),)
+    return (group.minimised(evaluate, start, information, least_noise, kappa),)
 
 
 def _tightened(
@@ -221,8 +229,7 @@ def _tightened(
         times = found.times
         information = group.information(times)
         kappa = max(found.noise, least_noise) if few else None
-        fit = minimise(evaluate, fit.x, group.sigma, information, least_noise, kappa)
-        fits += (group.without_turns(fit),)
+        fits += (group.minimised(evaluate, fit.x, information, least_noise, kappa),)
     return Settled(fits, times, found.evidence)
 
 
@@ -236,8 +243,7 @@ def _weakly_held(
     fits: tuple[Fit, ...] = ()
     left, kappa = np.inf, FIRST_NOISE**2
     for _ in range(MOST_ROUNDS):
-        fit = minimise(evaluate, start, scale, information, least_noise, kappa)
-        fit = group.without_turns(fit)
+        fit = group.minimised(evaluate, start, information, least_noise, kappa, scale)
         noise = residual_noise(fit.quadratic, group.sigma, least_noise)
         if noise > LOWER * left:
             break

@@ -19,6 +19,7 @@ from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
 from calib_model.bags import Temperature
+from calib_model.bounds import TEMPERATURE
 from calib_model.command_line import run_command
 from calib_model.errors import CalibrationError
 from calib_model.files import Folders, NotPermittedError, usual_reading, usual_writing
@@ -48,8 +49,6 @@ and /compensate with joint commands that really get there."""
 EXAMPLE = """\
 ros2 run calib_solver solver
   ros2 service call /identify calib_interfaces/srv/Identify "{bag: 'bags/demo/identification'}\""""
-#: deg C: a request that says less, or NaN, says nothing
-NO_TEMPERATURE = -273.15
 THREADS, LONG = 6, 4  # of which identifications take so many at most: the rest answers others
 READ = 'folders that callers may have bags and descriptions read from'
 WRITTEN = 'folders that callers may have results written in'
@@ -318,7 +317,7 @@ def _with_raw(request: Identify.Request) -> Sources:
 
 
 def _temperature(request: Identify.Request) -> Temperature | None:
-    if not request.temperature > NO_TEMPERATURE:  # NaN, too
+    if not request.temperature > TEMPERATURE[0]:  # NaN, too
         return None
     sure = request.temperature_uncertainty
     return Temperature(request.temperature, 0.0 if math.isnan(sure) else sure)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from calib_model import urdf
 from calib_model.descriptions import arm_yaml, correction_yaml, probe_yaml
 from calib_model.errors import CalibrationError
-from calib_model.files import FolderLock, file_hashes, write_together
+from calib_model.files import OPTIONAL, FolderLock, file_hashes, write_together
 from calib_model.kinematics import KINDS
 from calib_model.transforms import RigidTransform
 from calib_solver.fitting import ProbeFit
@@ -137,7 +137,7 @@ def write_results(
         with FolderLock(folder):  # where two write at once, all files are of one or of the other
             write_together(folder, contents)
             # of an earlier run, and of another arm.yaml
-            for name in {'correction.yaml', 'robot.urdf'} - set(contents):
+            for name in set(OPTIONAL) - set(contents):
                 (folder / name).unlink(missing_ok=True)
     except OSError as error:
         raise CalibrationError(f'{folder}: results cannot be written: {error.strerror}') from error
