@@ -9,19 +9,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib_model.arrays import Array
-from calib_model.kinematics import DEFAULT_SIGMA, points
+from calib_model.kinematics import DEFAULT_SIGMA
 from calib_solver.fitting import NO_PRIOR, OBJECTIVES, Options
 from calib_solver.identification import Identification, identify
 from studies.running import columns, over_seeds, study
 from studies.scenes import (
     Noise,
     Scene,
-    anywhere,
     kr5,
     measure,
     off_as_the_prior_says,
     off_mount,
-    predicted,
+    unseen_distances,
 )
 
 ABOUT = """
@@ -85,14 +84,7 @@ def scores(seed: int) -> dict[str, Scores]:
 def distance_scores(scene: Scene, done: Identification, seed: int) -> Array:
     """Scores of predicted distances between points, two by two."""
     generator = np.random.default_rng((seed, 2))
-    q, centers = anywhere(done.arm, done.probe, generator, 2 * PAIRS)
-    said, jacobian = predicted(done, q, centers)
-    true = points(scene.arm, q, scene.mount.apply(centers))
-    between = said[:PAIRS] - said[PAIRS:]
-    length = np.linalg.norm(between, axis=1)
-    slope = np.einsum('nk,nkf->nf', between / length[:, None], jacobian[:PAIRS] - jacobian[PAIRS:])
-    stated = np.sqrt(np.einsum('nf,fg,ng->n', slope, done.uncertainty.covariance, slope))
-    off: Array = length - np.linalg.norm(true[:PAIRS] - true[PAIRS:], axis=1)
+    off, stated = unseen_distances(done, scene.seated, generator, PAIRS)
     return off / stated
 
 

@@ -16,7 +16,7 @@ from calib_model.kinematics import DEFAULT_SIGMA, parallel_joints, points
 from calib_model.measurement import Measurement, ProbingSet
 from calib_model.transforms import RigidTransform
 from calib_solver.fitting import DEFAULT_PRIOR, NO_PRIOR, Options, Prior
-from calib_solver.identification import Identification, identify
+from calib_solver.identification import identify
 from studies.running import columns, over_seeds, study
 from studies.scenes import (
     CONFIG,
@@ -26,9 +26,9 @@ from studies.scenes import (
     anywhere,
     kr5,
     off_mount,
-    predicted,
     reach,
     seated,
+    unseen_distances,
 )
 
 ABOUT = """
@@ -213,25 +213,11 @@ def outcome(hard: Hard, prior: Prior) -> Outcome:
         done = identify(hard.scene.measured, Options(prior=prior))
     except CalibrationError as error:
         return Outcome(float('inf'), float('inf'), 0.0, False, (str(error),), str(error))
-    off, stated = unseen(hard.scene, done)
+    off, stated = unseen_distances(done, hard.scene.seated, np.random.default_rng(1), PAIRS)
     held = float(np.mean(np.abs(off) < WITHIN * stated))
     return Outcome(
         _rms(off), _rms(stated), held, done.fit.converged, done.warnings, done.fit.reason
     )
-
-
-def unseen(scene: Scene, done: Identification, seed: int = 1) -> tuple[Array, Array]:
-    """Errors of distances between points anywhere, and what is stated of them, (PAIRS,), m."""
-    generator = np.random.default_rng(seed)
-    q, centers = anywhere(done.arm, done.probe, generator, 2 * PAIRS)
-    said, jacobian = predicted(done, q, centers)
-    true = points(scene.arm, q, scene.mount.apply(centers))
-    between = said[:PAIRS] - said[PAIRS:]
-    length = np.linalg.norm(between, axis=1)
-    slope = np.einsum('nk,nkf->nf', between / length[:, None], jacobian[:PAIRS] - jacobian[PAIRS:])
-    stated = np.sqrt(np.einsum('nf,fg,ng->n', slope, done.uncertainty.covariance, slope))
-    off: Array = length - np.linalg.norm(true[:PAIRS] - true[PAIRS:], axis=1)
-    return off, stated
 
 
 def _rms(values: Array) -> float:

@@ -25,12 +25,11 @@ from studies.scenes import (
     CONFIG,
     Noise,
     Scene,
-    anywhere,
     kr5,
     measure,
     off_as_the_prior_says,
     off_mount,
-    predicted,
+    unseen_distances,
 )
 
 ABOUT = """
@@ -112,14 +111,12 @@ def outcomes(given: tuple[str, int]) -> list[Outcome]:
 def outcome(scene: Scene, errors: Correction, options: Options) -> Outcome:
     """One calibration judged by distances between points anywhere."""
     done = identify(scene.measured, options)
-    q, centers = anywhere(done.arm, done.probe, np.random.default_rng(1), 2 * PAIRS)
-    said, jacobian = predicted(done, q, centers)
-    true = CorrectedArm(scene.arm, errors).points(q, scene.mount.apply(centers))
-    between = said[:PAIRS] - said[PAIRS:]
-    length = np.linalg.norm(between, axis=1)
-    slope = np.einsum('nk,nkf->nf', between / length[:, None], jacobian[:PAIRS] - jacobian[PAIRS:])
-    stated = np.sqrt(np.einsum('nf,fg,ng->n', slope, done.uncertainty.covariance, slope))
-    off = length - np.linalg.norm(true[:PAIRS] - true[PAIRS:], axis=1)
+    true = CorrectedArm(scene.arm, errors)
+
+    def seated(q: Array, centers: Array) -> Array:
+        return true.points(q, scene.mount.apply(centers))
+
+    off, stated = unseen_distances(done, seated, np.random.default_rng(1), PAIRS)
     judged = done.left_out
     assert judged is not None
     choice = done.joint_error_choice

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -76,6 +77,10 @@ class Scene:
         """Where points (N, 3) of the flange really are at postures q (N, n), m."""
         return points(self.arm, q, p_flange)
 
+    def seated(self, q: Array, centers: Array) -> Array:
+        """Where spheres (N, 3) that sit in the probe really are at postures q (N, n), m."""
+        return self.points(q, self.mount.apply(centers))
+
     def errors(self, arm: Arm, probe: Probe, seed: int = 0, count: int = 300) -> Array:
         """How far `arm` is off the truth at postures anywhere (count,), m, base left free."""
         q, centers = anywhere(self.arm, probe, np.random.default_rng(seed), count)
@@ -98,6 +103,25 @@ def predicted(done: Identification, q: Array, centers: Array) -> tuple[Array, Ar
     there = Problem.of(replace(measured, poses=poses))
     p_base, jacobian = point_jacobian(there, done.table, done.full, np.arange(len(q)))
     return p_base, jacobian[:, :, done.table.free_columns]
+
+
+def unseen_distances(
+    done: Identification,
+    true: Callable[[Array, Array], Array],
+    generator: np.random.Generator,
+    pairs: int,
+) -> tuple[Array, Array]:
+    """Errors of predicted distances between points anywhere, two by two, and what is stated of
+    them (pairs,), m; `true` gives where spheres (N, 3) in the probe are at postures (N, n)."""
+    q, centers = anywhere(done.arm, done.probe, generator, 2 * pairs)
+    said, jacobian = predicted(done, q, centers)
+    really = true(q, centers)
+    between = said[:pairs] - said[pairs:]
+    length = np.linalg.norm(between, axis=1)
+    slope = np.einsum('nk,nkf->nf', between / length[:, None], jacobian[:pairs] - jacobian[pairs:])
+    stated = np.sqrt(np.einsum('nf,fg,ng->n', slope, done.uncertainty.covariance, slope))
+    off: Array = length - np.linalg.norm(really[:pairs] - really[pairs:], axis=1)
+    return off, stated
 
 
 def kr5(probe: str = 'active') -> Bench:

@@ -112,6 +112,11 @@ class ParameterTable:
         return tuple(parameter.name for parameter in self.parameters)
 
     @property
+    def of_arm(self) -> NDArray[np.bool_]:
+        """Which free parameters are D-H parameters of the arm, shape (F,)."""
+        return np.array([parameter.kind in JOINT_PARAMETERS for parameter in self.free], dtype=bool)
+
+    @property
     def free(self) -> tuple[Parameter, ...]:
         """The parameters that are identified, in column order."""
         return tuple(self.parameters[i] for i in self.free_columns)

@@ -17,7 +17,7 @@ import numpy as np
 
 from calib_model.arrays import Array
 from calib_model.errors import CalibrationError
-from calib_model.instruments import JOINT_PARAMETERS, ActiveProbe, Arm
+from calib_model.instruments import ActiveProbe, Arm
 from calib_model.kinematics import ParameterTable
 from calib_model.measurement import Measurement, ProbingSet
 from calib_solver.faults.encoder_jumps import large_jumps
@@ -122,8 +122,7 @@ def far_from_nominal(table: ParameterTable, full: Array, sigma: Array) -> bool:
     """Whether a D-H parameter is further from nominal than errors of make or mastering take it;
     `full` (C,) are all parameters, `sigma` (F,) what the free ones usually are off by."""
     times = np.abs((full - table.nominal)[table.free_columns]) / sigma
-    of_arm = np.array([parameter.kind in JOINT_PARAMETERS for parameter in table.free], dtype=bool)
-    return bool((times[of_arm] > MIXED_UP).any())
+    return bool((times[table.of_arm] > MIXED_UP).any())
 
 
 def named_joints(arm: Arm, joints: Sequence[int]) -> str:

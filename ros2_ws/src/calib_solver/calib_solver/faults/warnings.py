@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib_model.arrays import Array
-from calib_model.instruments import JOINT_PARAMETERS, Arm, Probe
+from calib_model.instruments import Arm, Probe
 from calib_model.kinematics import ParameterTable
 from calib_model.measurement import Measurement
 from calib_solver.faults.fault_signatures import named_signatures
@@ -94,7 +94,7 @@ def parameter_warnings(
     change = (full - table.nominal)[table.free_columns]
     times = np.abs(change) / sigma
     far = (times > FAR) & (np.abs(change) > TOLD * uncertainty)
-    far &= np.array([parameter.kind in JOINT_PARAMETERS for parameter in table.free], dtype=bool)
+    far &= table.of_arm
     rows = [row for row in np.argsort(-times, kind='stable') if far[row]]
     if not rows:
         return ()

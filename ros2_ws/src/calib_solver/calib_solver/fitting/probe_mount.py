@@ -10,7 +10,7 @@ import numpy as np
 from calib_model.arrays import Array
 from calib_model.blas_threads import one_blas_thread
 from calib_model.errors import RankError
-from calib_model.instruments import JOINT_PARAMETERS, PassiveProbe
+from calib_model.instruments import PassiveProbe
 from calib_model.kinematics import DEFAULT_SIGMA, ParameterTable
 from calib_model.transforms import (
     RigidTransform,
@@ -155,7 +155,7 @@ def with_the_arms_share(problem: Problem, fit: ProbeFit) -> ProbeFit:
     if len(problem.pairs):
         _, slope = distance_errors(problem, sums)
         normal = normal + slope.T @ (_weight(problem, sums.count)[:, None] * slope)
-    of_arm = np.array([parameter.kind in JOINT_PARAMETERS for parameter in table.free], dtype=bool)
+    of_arm = table.of_arm
     mount = np.isin(table.free_columns, np.arange(len(table.names))[table.mount])
     sigma = np.array([DEFAULT_SIGMA[one.kind] for one in table.free])[of_arm]
     moved = (
