@@ -33,13 +33,15 @@ if TYPE_CHECKING:
         metadata_yaml as metadata_yaml,
     )
     from calib_model.bags.reader import (
-        MAGIC as MAGIC,
         BagMessage as BagMessage,
         Told as Told,
         cut_files as cut_files,
         read_messages as read_messages,
         read_note as read_note,
         read_notes as read_notes,
+    )
+    from calib_model.bags.record_reader import (
+        MAGIC as MAGIC,
     )
     from calib_model.bags.recovery import (
         recover as recover,

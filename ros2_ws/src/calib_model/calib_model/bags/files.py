@@ -78,12 +78,13 @@ def left_aside(path: str | Path) -> list[Path]:
     listed = bag_files(path)
     if Path(path).is_file():
         return []
-    plain = {file.with_suffix('') if file.suffix == '.zstd' else file for file in listed}
-    return [
-        file
-        for file in unlisted_files(Path(path))
-        if (file.with_suffix('') if file.suffix == '.zstd' else file) not in plain
-    ]
+    known = {_plain(file) for file in listed}
+    return [file for file in unlisted_files(Path(path)) if _plain(file) not in known]
+
+
+def _plain(file: Path) -> Path:
+    """The name that a file has where rosbag2 did not compress it."""
+    return file.with_suffix('') if file.suffix == '.zstd' else file
 
 
 def _listed_files(folder: Path) -> list[Path]:

@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterator, Sequence
 from io import BytesIO
 from itertools import accumulate
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import NamedTuple
 
 import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import EndOfFile, InvalidMagic, McapError
+from mcap.exceptions import EndOfFile, InvalidMagic
 from mcap.opcode import Opcode
 from mcap.records import (
     Channel,
@@ -24,25 +24,12 @@ from mcap.records import (
     Schema,
     Statistics,
 )
-from mcap.stream_reader import StreamReader
 
-from calib_model.bags.decompression import LARGEST_RECORD, chunk_content, unpacked_zstd
+from calib_model.bags.decompression import chunk_content, unpacked_zstd
 from calib_model.bags.files import ZSTD, bag_files, begins_with, is_sqlite, open_unpacked
+from calib_model.bags.record_reader import DAMAGE, MAGIC, RecordReader, another_follows
 from calib_model.errors import BagError
 
-# what a damaged file makes the reader and its decompressors raise; a wrong size asks for memory
-DAMAGE = (
-    McapError,
-    struct.error,
-    ValueError,
-    KeyError,
-    EOFError,
-    OverflowError,
-    RuntimeError,
-    MemoryError,
-    zstandard.ZstdError,
-)
-MAGIC = b'\x89MCAP0\r\n'
 RECORD = struct.Struct('<BQ')  # opcode and length
 MESSAGE = struct.Struct('<HIQQ')  # channel, sequence, log time, publish time
 
@@ -147,41 +134,6 @@ def read_notes(path: str | Path, names: Sequence[str]) -> dict[str, dict[str, st
         except DAMAGE:
             continue  # cut short: what came before counts
     return found
-
-
-class RecordReader(StreamReader):
-    """The library's reader, chunks whole, that passes the indexes by: a third of the time goes into
-    their entries, and the messages are read in order."""
-
-    def __init__(
-        self, stream: IO[bytes], validate_crcs: bool = False, skip_magic: bool = False
-    ) -> None:
-        super().__init__(
-            stream,
-            skip_magic=skip_magic,
-            emit_chunks=True,
-            validate_crcs=validate_crcs,
-            record_size_limit=LARGEST_RECORD,
-        )
-
-    def _read_record(self, opcode: int, length: int) -> Any:
-        if opcode == Opcode.MESSAGE_INDEX:
-            return None  # what is not read here is passed over, with its part of the checksum
-        return super()._read_record(opcode, length)
-
-
-def another_follows(file: Path, stream: IO[bytes]) -> bool:
-    """Whether behind the end of an MCAP there is another one; its first bytes are read then.
-
-    Raises:
-        BagError: there is something else.
-    """
-    begin = stream.read(len(MAGIC))
-    if begin not in (b'', MAGIC):
-        raise BagError(
-            f'{file}: damaged: behind its end there is more, and no MCAP: `recover` leaves it out'
-        )
-    return bool(begin)
 
 
 def _read_file(

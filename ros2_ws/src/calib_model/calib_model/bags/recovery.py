@@ -22,7 +22,7 @@ from mcap.records import (
 )
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from calib_model.bags.decompression import LARGEST_RECORD, chunk_content, unpacked_zstd
+from calib_model.bags.decompression import chunk_content, unpacked_zstd
 from calib_model.bags.files import (
     ZSTD,
     bag_files,
@@ -33,7 +33,7 @@ from calib_model.bags.files import (
     unlisted_files,
 )
 from calib_model.bags.metadata import Definition, FileAccount, metadata_yaml
-from calib_model.bags.reader import DAMAGE, MAGIC
+from calib_model.bags.record_reader import DAMAGE, MAGIC, RecordReader
 from calib_model.bags.writer import BagWriter
 from calib_model.errors import BagError, DescriptionError
 from calib_model.files import load_plain, refuse_taken, write_whole
@@ -209,12 +209,7 @@ def _copy(
         with file.open('rb') as packed, open_unpacked(file, packed) as stream:
             skip_magic = False
             while True:
-                reader = StreamReader(
-                    stream,
-                    skip_magic=skip_magic,
-                    emit_chunks=True,
-                    record_size_limit=LARGEST_RECORD,
-                )
+                reader = RecordReader(stream, skip_magic=skip_magic, indexes=True)
                 for record in _until_damage(reader):
                     used = packed.tell()
                     pace(used, size)

@@ -11,7 +11,8 @@ import pytest
 from calib_model.bags import cdr
 from calib_model.bags.measurement import read_measurement
 from calib_model.bags.measurement_writer import write_descriptions
-from calib_model.bags.reader import MAGIC, read_messages
+from calib_model.bags.reader import read_messages
+from calib_model.bags.record_reader import MAGIC
 from calib_model.bags.writer import BagWriter
 from calib_model.errors import BagError, CalibrationError
 from calib_model.measurement import Measurement

@@ -187,6 +187,15 @@ def text(value):
     return struct.pack('<I', len(value)) + value.encode()
 
 
+def of_chunk(path, content, packed, compression):
+    """An MCAP of one chunk, whose content is written as `packed`."""
+    about = struct.pack('<QQQI', 0, 7, len(content), 0) + text(compression)
+    chunk = record(6, about + struct.pack('<Q', len(packed)) + packed)
+    magic, ends = b'\x89MCAP0\r\n', record(15, bytes(4)) + record(2, bytes(20))
+    path.write_bytes(magic + record(1, text('') + text('another')) + chunk + ends + magic)
+    return path
+
+
 def test_messages_beyond_number_in_a_small_file_are_refused_in_no_time(tmp_path):
     """Two million empty ones, on a topic that nobody asked for, pack into some kilobytes."""
     schema = record(3, struct.pack('<H', 1) + text('Note') + text('jsonschema') + text(''))
@@ -194,11 +203,7 @@ def test_messages_beyond_number_in_a_small_file_are_refused_in_no_time(tmp_path)
     messages = record(5, struct.pack('<HIQQ', 1, 0, 0, 0)) * 2_000_000
     content = schema + channel + messages
     packed = zstandard.compress(content)
-    about = struct.pack('<QQQI', 0, 0, len(content), 0) + text('zstd')
-    chunk = record(6, about + struct.pack('<Q', len(packed)) + packed)
-    path = tmp_path / 'bag.mcap'
-    magic, ends = b'\x89MCAP0\r\n', record(15, bytes(4)) + record(2, bytes(20))
-    path.write_bytes(magic + record(1, text('') + text('another')) + chunk + ends + magic)
+    path = of_chunk(tmp_path / 'bag.mcap', content, packed, 'zstd')
     assert path.stat().st_size < 1_000_000
     begun = time.process_time()
     with pytest.raises(BagError, match='more than 1000000 messages in .* bytes'):
@@ -266,10 +271,7 @@ def test_recovered_messages_keep_topic_type_and_encoding(tmp_path):
     content = note + other
     for data, (topic, schema, encoding) in enumerate(told):
         content += channel(1, schema, topic, encoding) + message(1, bytes([data] * 4))
-    about = struct.pack('<QQQI', 7, 7, len(content), 0) + text('')
-    chunk = record(6, about + struct.pack('<Q', len(content)) + content)
-    magic, ends = b'\x89MCAP0\r\n', record(15, bytes(4)) + record(2, bytes(20))
-    path.write_bytes(magic + record(1, text('') + text('another')) + chunk + ends + magic)
+    of_chunk(path, content, content, '')
     found = recover(path, tmp_path / 'copy')
     assert (found.messages, found.loss()) == (4, 'nothing')
     with (tmp_path / 'copy/copy_0.mcap').open('rb') as stream:

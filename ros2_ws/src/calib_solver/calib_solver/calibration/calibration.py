@@ -16,7 +16,7 @@ from calib_model.measurement import Measurement
 from calib_model.progress import Progress
 from calib_solver import compensation, report, resampling
 from calib_solver.calibration.duplicate_poses import duplicate_lines, noise_lines, seen_lines
-from calib_solver.calibration.sources import Loaded, Sources, cut_lines, load_all
+from calib_solver.calibration.sources import Loaded, Sources, load_all, unread_lines
 from calib_solver.fitting import Options
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification, identify
@@ -94,7 +94,7 @@ def calibrate(
         options = replace(options, links=read_links(sources.links, loaded.measured.arm))
     loaded, done, resampled = _identified(loaded, options, effort)
     first = (
-        *cut_lines((*sources.bags, *test)),
+        *unread_lines((*sources.bags, *test)),
         *duplicate_lines(loaded.duplicates),
         *noise_lines(done),
     )

@@ -187,7 +187,7 @@ def _joined(parts: Sequence[Measurement]) -> tuple[Measurement, list[int]]:
     return Measurement(first.arm, first.probe, first.gauge, joined, source), shifts
 
 
-def cut_lines(bags: Sequence[str]) -> tuple[str, ...]:
+def unread_lines(bags: Sequence[str]) -> tuple[str, ...]:
     """A line for each file that ends before its end, and for what a bag's folder has besides."""
     aside = [(bag, left_aside(bag)) for bag in bags]
     return tuple(
