@@ -209,23 +209,33 @@ def demo() -> RecordedStreams:
     return read_recording(DEMO).streams.received(0, 900)
 
 
+DISORDER = {
+    'seed': st.integers(0, 2**32 - 1),
+    'lost': st.sampled_from([0.0, 0.02, 0.3]),
+    'late': st.integers(0, 40_000_000),
+    'lateness': st.sampled_from([0.0, 0.01, 0.05]),
+    'back': st.sampled_from([0, 3 * SECOND]),
+}
+
+
+def disordered(
+    messages: list[Message], rng: np.random.Generator, lost: float, late: int
+) -> list[Message]:
+    """Messages as they arrive: some lost, some twice, some by up to `late` (ns)."""
+    sent = [each for each in messages if rng.random() >= lost]
+    sent += [each for each in sent if rng.random() < 0.02]
+    delay = [rng.integers(0, late + 1) if rng.random() < 0.05 else 0 for _ in sent]
+    return [sent[i] for i in np.argsort([m.stamp for m in sent] + np.array(delay))]
+
+
 @settings(max_examples=40, deadline=None)
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    lost=st.sampled_from([0.0, 0.02, 0.3]),
-    late=st.integers(0, 40_000_000),
-    lateness=st.sampled_from([0.0, 0.01, 0.05]),
-    back=st.sampled_from([0, 3 * SECOND]),
-)
+@given(**DISORDER)
 def test_stops_are_paired_of_a_recording_as_they_are_live(
     demo: RecordedStreams, seed: int, lost: float, late: int, lateness: float, back: int
 ) -> None:
     """Messages lost, late and twice; a clock that is set back in the midst of it."""
     rng = np.random.default_rng(seed)
-    sent = [each for each in messages_of(demo) if rng.random() >= lost]
-    sent += [each for each in sent if rng.random() < 0.02]
-    delay = [rng.integers(0, late + 1) if rng.random() < 0.05 else 0 for _ in sent]
-    arriving = [sent[i] for i in np.argsort([m.stamp for m in sent] + np.array(delay))]
+    arriving = disordered(messages_of(demo), rng, lost, late)
     turn = arriving[len(arriving) // 2].stamp
     arriving = [m._replace(stamp=m.stamp - back * (m.stamp > turn)) for m in arriving]
     steady = SteadySettings(lateness=lateness)
@@ -251,14 +261,7 @@ def recorded(messages: list[Message]) -> RecordedStreams:
 
 
 @settings(max_examples=60, deadline=None)
-@given(
-    seed=st.integers(0, 2**32 - 1),
-    lost=st.sampled_from([0.0, 0.02, 0.3]),
-    late=st.integers(0, 40_000_000),
-    lateness=st.sampled_from([0.0, 0.01, 0.05]),
-    back=st.sampled_from([0, 3 * SECOND]),
-    shift=st.sampled_from([0, -3_000_000]),
-)
+@given(**DISORDER, shift=st.sampled_from([0, -3_000_000]))
 def test_readings_are_paired_of_a_recording_as_they_are_live(
     seed: int, lost: float, late: int, lateness: float, back: int, shift: int
 ) -> None:
@@ -269,10 +272,7 @@ def test_readings_are_paired_of_a_recording_as_they_are_live(
         Reading(t, rng.normal(size=3), (int(rng.random() < 0.05), 0, 0))
         for t in range(700_000, SECOND, 2_000_000)
     ]
-    sent: list[Message] = [each for each in [*arm, *probe] if rng.random() >= lost]
-    sent += [each for each in sent if rng.random() < 0.02]
-    delay = [rng.integers(0, late + 1) if rng.random() < 0.05 else 0 for _ in sent]
-    arriving = [sent[i] for i in np.argsort([m.stamp for m in sent] + np.array(delay))]
+    arriving = disordered([*arm, *probe], rng, lost, late)
     arriving = [
         m._replace(stamp=m.stamp + 10 * SECOND - back * (m.stamp > SECOND // 2)) for m in arriving
     ]

@@ -29,8 +29,8 @@ from calib_solver.problem import (
     Problem,
     SphereSums,
     location_folds,
+    merged_sums,
     take_groups,
-    taken_sums,
     without,
 )
 
@@ -188,34 +188,10 @@ def _postures(
         spheres = [np.flatnonzero(finer.keys[kept, 1] == key[1]) for key in problem.keys]
         present = np.flatnonzero([len(rows) > 0 for rows in spheres])
         part = take_groups(problem, [present])
-        merged = _merged(sums, [kept[spheres[row]] for row in present])
+        merged = merged_sums(sums, [kept[spheres[row]] for row in present])
         rows = np.flatnonzero(finer.keys[:, 0] == one)
         folds.append(_Fold(part, merged, rows, np.zeros(0, dtype=np.int64)))
     return finer, sums, folds
-
-
-def _merged(sums: SphereSums, groups: list[IntArray]) -> SphereSums:
-    """The sums of spheres put together from the rows of each group."""
-    merged = [_one(taken_sums(sums, rows)) for rows in groups]
-    return SphereSums(
-        *(np.stack([getattr(one, field.name) for one in merged]) for field in fields(SphereSums))
-    )
-
-
-def _one(sums: SphereSums) -> SphereSums:
-    """Sums of several parts of one sphere as those of the whole."""
-    count = sums.count.sum()
-    share = sums.count / count
-    center, jacobian = share @ sums.center, np.einsum('s,skf->kf', share, sums.jacobian)
-    away, turned = sums.center - center, sums.jacobian - jacobian
-    return SphereSums(
-        count,
-        center,
-        jacobian,
-        sums.spread.sum(axis=0) + sums.count @ away**2,
-        sums.gradient.sum(axis=0) + np.einsum('s,sk,skf->f', sums.count, away, turned),
-        sums.normal.sum(axis=0) + np.einsum('s,skf,skg->fg', sums.count, turned, turned),
-    )
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from calib_solver.problem.subproblem import (
         gathered as gathered,
         location_folds as location_folds,
+        merged_sums as merged_sums,
         take_groups as take_groups,
-        taken_sums as taken_sums,
         without as without,
     )
 else:

@@ -77,6 +77,30 @@ def taken_sums(sums: SphereSums, rows: IntArray) -> SphereSums:
     return SphereSums(*(getattr(sums, field.name)[rows] for field in fields(SphereSums)))
 
 
+def merged_sums(sums: SphereSums, groups: Sequence[IntArray]) -> SphereSums:
+    """The sums of spheres put together from the rows of each group."""
+    merged = [_one(taken_sums(sums, rows)) for rows in groups]
+    return SphereSums(
+        *(np.stack([getattr(one, field.name) for one in merged]) for field in fields(SphereSums))
+    )
+
+
+def _one(sums: SphereSums) -> SphereSums:
+    """Sums of several parts of one sphere as those of the whole."""
+    count = sums.count.sum()
+    share = sums.count / count
+    center, jacobian = share @ sums.center, np.einsum('s,skf->kf', share, sums.jacobian)
+    away, turned = sums.center - center, sums.jacobian - jacobian
+    return SphereSums(
+        count,
+        center,
+        jacobian,
+        sums.spread.sum(axis=0) + sums.count @ away**2,
+        sums.gradient.sum(axis=0) + np.einsum('s,sk,skf->f', sums.count, away, turned),
+        sums.normal.sum(axis=0) + np.einsum('s,skf,skg->fg', sums.count, turned, turned),
+    )
+
+
 def gathered(problem: Problem, rows: IntArray) -> list[IntArray]:
     """Rows of `problem.keys` as groups, one for each location among them."""
     location = problem.keys[rows, 0]
