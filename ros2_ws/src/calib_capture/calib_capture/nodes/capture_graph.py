@@ -89,7 +89,7 @@ class CaptureNode(Node):
         self.taught: dict[int, RigidTransform] = {}
         self.watch: Callable[[JointSample | Reading], None] | None = None
         self.failure: RunError | None = None
-        self._odd = 0  # readings on end that no stylus makes
+        self._odd = self._left_out = 0  # readings on end that no stylus makes, and all of them
         self.commanding = ArmCommander(self)
         self._poses = self.create_publisher(ProbingPose, CAPTURE_POSES.name, qos_of(CAPTURE_POSES))
         self._listen_for_descriptions()
@@ -179,9 +179,11 @@ class CaptureNode(Node):
         )
 
     def lost(self) -> str:
-        """How many messages did not arrive since the session began; empty when all did."""
-        counts = {topic.name: origin.lost for topic, origin in self._origins.items()}
-        return ', '.join(f'{count} of {name} lost' for name, count in counts.items() if count)
+        """How many messages did not arrive since the session began, or were of no use; empty when
+        all are there."""
+        counts = {f'{topic.name} lost': origin.lost for topic, origin in self._origins.items()}
+        counts[f'{PROBE_DISPLACEMENTS.name} longer than any stroke left out'] = self._left_out
+        return ', '.join(f'{count} of {what}' for what, count in counts.items() if count)
 
     def check_origins(self) -> None:
         """Nothing, while each stream comes from one publisher, and each description stays.
@@ -280,6 +282,7 @@ class CaptureNode(Node):
         return session
 
     def _count_anew(self) -> None:
+        self._odd = self._left_out = 0
         for origin in self._origins.values():
             origin.lost = 0
 
@@ -358,18 +361,23 @@ class CaptureNode(Node):
             self._session.start_over(JOINT_STATES if of_arm else PROBE_DISPLACEMENTS)
         elif isinstance(message, JointSample):
             self._session.take_joints(message, raw)
-        else:
-            self._refuse_other_units(message)
+        elif self._possible(message):
             self._session.take_reading(message, raw)
 
-    def _refuse_other_units(self, reading: Reading) -> None:
-        """End the run where reading upon reading is many strokes long: of a driver in mm, say."""
+    def _possible(self, reading: Reading) -> bool:
+        """Whether a stylus can have made it: no pose is taken of what is many strokes long, and
+        where reading upon reading is, of a driver in mm, say, the run ends."""
         if not isinstance(self.probe, ActiveProbe):
-            return
+            return True
         stroke, size = np.abs(self.probe.stroke).max(), np.abs(reading.displacement).max()
-        self._odd = self._odd + 1 if size > MANY_STROKES * stroke else 0
+        if size <= MANY_STROKES * stroke:
+            self._odd = 0
+            return True
+        self._odd += 1
+        self._left_out += not self._led  # a led arm's record is whole
         if self._odd == ODD_READINGS:
             self.failure = RunError(
                 f'readings of {size:g} m on {PROBE_DISPLACEMENTS.name}, where a stylus moves by '
                 f'{stroke:g} m at most: is its driver in mm?'
             )
+        return self._led

@@ -10,7 +10,7 @@ import numpy as np
 
 from calib_capture.program.program import Program
 from calib_model.arrays import Array, frozen
-from calib_model.instruments import Arm, Gauge, Probe
+from calib_model.instruments import Arm, Gauge, Probe, known_centers
 from calib_model.kinematics import forward_kinematics
 from calib_model.pairing import Outcome, Refusal, SteadyPose
 from calib_model.transforms import RigidTransform
@@ -100,8 +100,9 @@ def outcome_markers(
     if taken:
         joints = np.array([pose.joints for pose in taken])
         read = np.array([pose.displacement for pose in taken])
-        seats = probe.centers(read, gauge.sphere_diameter)
-        markers.append(_needles('taken', 0, GREEN, arm, probe, joints, seats))
+        seats = known_centers(probe, read, gauge.sphere_diameter)
+        where = np.nan_to_num(seats)  # of a reading that no sphere gives, in the probe's middle
+        markers.append(_needles('taken', 0, GREEN, arm, probe, joints, where))
     planned = np.array([pose.joints for pose in program.poses])
     away = [stop.joints for stop in refused if np.abs(planned - stop.joints).max(1).min() < ALIKE]
     if away:

@@ -115,6 +115,8 @@ def test_taken_poses_point_at_their_spheres_and_refused_ones_are_the_programs(
     center = places[first.location].apply(gauge.center(first.sphere))
     assert np.abs(tip - center).max() < 1e-9
     assert outcome_markers([], program, kr5, probe, gauge) == []
+    odd = replace(outcomes[0], displacement=np.array([0.4, -0.9, 2.0]))  # a reading of no sphere
+    assert outcome_markers([odd], program, kr5, probe, gauge)
 
 
 def test_shapes_as_messages_replace_those_before(program, kr5, probe, gauge, places):

@@ -175,6 +175,28 @@ def test_a_driver_in_millimetres_is_named_at_its_first_readings(
     assert not perfect.poses
 
 
+def test_a_reading_now_and_then_that_no_stylus_makes_is_left_out_and_counted(
+    graph, perfect, asked, arm_node, tmp_path
+):
+    metres, count = perfect.touched, 0
+
+    def now_and_then(joints):
+        nonlocal count
+        read, status = metres(joints)
+        count += 1
+        return (read + 4.0, status) if count % 7 == 3 else (read, status)
+
+    perfect.touched = now_and_then
+    capture = graph.start(CAPTURE, **asked)
+    perfect.spin_while(capture)
+    said, error = capture.communicate()
+    assert capture.returncode == 0, error
+    assert 'longer than any stroke left out' in said
+    taken = read_measurement(tmp_path / 'bag').poses
+    assert len(taken) == 12
+    assert np.abs(taken.displacement).max() < 0.004
+
+
 def test_of_a_probe_started_anew_no_pose_is_taken_before_it_can_have_described_itself(
     graph, perfect, asked, arm_node, probe, tmp_path
 ):
