@@ -38,6 +38,8 @@ JOINT_KEYS = (
     'direction',
     'limits',
     'velocity',
+    'acceleration',
+    'jerk',
     'controller',
 )
 TRANSFORM_KEYS = ('translation', 'rotation_vector')
@@ -128,7 +130,17 @@ def _joint(row: Fields) -> Joint:
         (lower, upper),
         velocity,
         _controller(row),
+        _above_zero(row, 'acceleration'),
+        _above_zero(row, 'jerk'),
     )
+
+
+def _above_zero(row: Fields, key: str) -> float:
+    """A limit of motion; none where it is not given."""
+    limit = row.number(key, np.inf, finite=False)
+    if not limit > 0:
+        raise row.refuse(key, 'expected a number above zero')
+    return limit
 
 
 def parse_probe(text: str, source: str = 'probe description') -> Probe:
@@ -225,8 +237,9 @@ def arm_yaml(arm: Arm) -> str:
         row |= {'beta': joint.beta, 'direction': joint.direction}
         if np.isfinite(joint.limits).any():
             row['limits'] = list(joint.limits)
-        if np.isfinite(joint.velocity):
-            row['velocity'] = joint.velocity
+        for key in ('velocity', 'acceleration', 'jerk'):
+            if np.isfinite(getattr(joint, key)):
+                row[key] = getattr(joint, key)
         if joint.controller is not None:
             axis = joint.controller
             row['controller'] = {'axis': axis.name, 'direction': axis.direction, 'zero': axis.zero}

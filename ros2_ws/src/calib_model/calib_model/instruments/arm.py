@@ -29,9 +29,10 @@ class ControllerAxis:
 class Joint:
     """One joint: A = Tz(d) Rz(theta) Tx(a) Rx(alpha) Ry(beta), theta = direction * q - theta_0.
 
-    Lengths in m, angles in rad, `velocity` in rad/s; `beta` is Hayati's angle for an axis that is
-    (nearly) parallel to the next one and zero everywhere else. `controller` says what the arm's
-    controller shows for it, where that is another number.
+    Lengths in m, angles in rad, `velocity` in rad/s, `acceleration` in rad/s^2, `jerk` in rad/s^3,
+    each infinite where nobody says; `beta` is Hayati's angle for an axis that is (nearly) parallel
+    to the next one and zero everywhere else. `controller` says what the arm's controller shows for
+    it, where that is another number.
     """
 
     name: str
@@ -44,6 +45,8 @@ class Joint:
     limits: tuple[float, float] = (-np.inf, np.inf)
     velocity: float = np.inf
     controller: ControllerAxis | None = None
+    acceleration: float = np.inf
+    jerk: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,16 @@ class Arm:
     def velocity(self) -> Array:
         """Largest joint speeds, shape (n,), rad/s."""
         return np.array([joint.velocity for joint in self.joints])
+
+    @property
+    def acceleration(self) -> Array:
+        """Largest joint accelerations, shape (n,), rad/s^2; infinite where nobody says."""
+        return np.array([joint.acceleration for joint in self.joints])
+
+    @property
+    def jerk(self) -> Array:
+        """Largest joint jerks, shape (n,), rad/s^3; infinite where nobody says."""
+        return np.array([joint.jerk for joint in self.joints])
 
     def with_geometry(self, geometry: Array) -> Arm:
         """The same arm with other D-H values: rows a, alpha, d, theta_0, beta, shape (5, n)."""

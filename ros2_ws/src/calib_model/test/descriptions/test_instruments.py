@@ -68,7 +68,8 @@ def arms(draw: st.DrawFn) -> Arm:
         values = draw(st.tuples(NUMBER, NUMBER, NUMBER, NUMBER, NUMBER))
         direction = st.sampled_from((1, -1))
         axis = draw(st.none() | st.builds(ControllerAxis, NAME, direction, NUMBER))
-        joints.append(Joint(name, *values, draw(direction), limits, velocity, axis))
+        hasty = [draw(st.floats(1e-3, 1e6) | st.just(np.inf)) for _ in range(2)]
+        joints.append(Joint(name, *values, draw(direction), limits, velocity, axis, *hasty))
     placed = [draw(TRANSFORM) for _ in range(3)]
     return Arm(draw(NAME), tuple(joints), draw(NAME), draw(NAME), *placed)
 
@@ -160,6 +161,8 @@ def test_an_arm_without_transforms_is_written_as_before() -> None:
         (parse_arm, ARM, '[-1, 1]', '[1, -1]', 'joints[1].limits: expected [lower, upper]'),
         (parse_arm, ARM, '[-1, 1]', '[1]', 'joints[1].limits: expected 2 numbers, got 1'),
         (parse_arm, ARM, 'velocity: 2', 'velocity: 0', 'expected a speed above zero'),
+        (parse_arm, ARM, 'velocity: 2', 'acceleration: -3', 'expected a number above zero'),
+        (parse_arm, ARM, 'velocity: 2', 'jerk: .nan', 'jerk'),
         (parse_arm, ARM, 'a: 0.1', 'direction: 2, a: 0.1', 'direction: expected 1 or -1'),
         (parse_arm, ARM, 'name: two', 'name: &x two', 'aliases are not supported'),
         (parse_arm, ARM, 'name: two', 'name: !!str two', 'line 1: YAML tags are not supported'),
