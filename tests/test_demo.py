@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -144,17 +143,6 @@ def test_capture_and_solver_never_open_the_simulated_world(demo):
     for module in ('capture_node', 'identify', 'evaluate', 'arm_node'):
         assert len(opened[module]) > 20
         assert [p for p in opened[module] if 'selfcenter_probe' in p or 'world' in p] == []
-
-
-def test_an_earlier_demo_is_replaced(environment, demo, tmp_path):
-    folder = Path(shutil.copytree(demo['folder'], tmp_path / 'out'))
-    before = (folder / 'result.json').read_text()
-    process = started(environment, '--poses', 12, '--output', folder)
-    _, error = process.communicate(timeout=TIMEOUT)
-    assert process.returncode == 0, error
-    assert (folder / 'result.json').read_text() != before
-    assert len(read_measurement(folder / 'identification').poses) == 28 * 12
-    assert [path.name for path in folder.parent.iterdir()] == ['out']
 
 
 def test_a_folder_that_is_no_demo_s_is_left_alone(environment, tmp_path):

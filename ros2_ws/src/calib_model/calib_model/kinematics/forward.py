@@ -13,6 +13,7 @@ import numpy as np
 
 from calib_model.arrays import Array
 from calib_model.instruments import JOINT_PARAMETERS, Arm
+from calib_model.transforms import cross
 
 BLOCK = 2048  # poses at a time: what is in between stays in cache
 
@@ -136,12 +137,12 @@ def point_derivatives(arm: Arm, q: Array, p_flange: Array) -> PointDerivatives:
     geometry = np.empty((len(q), 3, len(JOINT_PARAMETERS), arm.n))
     joints = np.empty((len(q), 3, arm.n))
     for i, frame in enumerate(frames):
-        turned = np.cross(frame.z_joint, p_base - frame.origin_joint)
+        turned = cross(frame.z_joint, p_base - frame.origin_joint)
         from_origin = p_base - frame.origin
         geometry[:, :, 0, i] = frame.x
-        geometry[:, :, 1, i] = np.cross(frame.x, from_origin)
+        geometry[:, :, 1, i] = cross(frame.x, from_origin)
         geometry[:, :, 2, i] = frame.z_joint
         geometry[:, :, 3, i] = -turned
-        geometry[:, :, 4, i] = np.cross(frame.rotation[:, :, 1], from_origin)
+        geometry[:, :, 4, i] = cross(frame.rotation[:, :, 1], from_origin)
         joints[:, :, i] = arm.direction[i] * turned
     return PointDerivatives(p_base, geometry, joints, last @ arm.dh_T_flange.rotation)

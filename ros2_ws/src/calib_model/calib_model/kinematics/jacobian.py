@@ -10,7 +10,7 @@ import numpy as np
 from calib_model.arrays import Array
 from calib_model.instruments import JOINT_PARAMETERS, Arm, Probe
 from calib_model.kinematics.forward import joint_frames, point_derivatives
-from calib_model.transforms import RigidTransform, left_jacobian, skew
+from calib_model.transforms import RigidTransform, cross, left_jacobian, skew
 
 
 def probing_jacobian(
@@ -61,6 +61,6 @@ def tool_motion(arm: Arm, q: Array, flange_T_tool: RigidTransform) -> ToolMotion
     jacobian = np.empty((len(position), 6, arm.n))
     for i, frame in enumerate(frames):
         axis = arm.direction[i] * frame.z_joint
-        jacobian[:, :3, i] = np.cross(axis, position - frame.origin_joint)
+        jacobian[:, :3, i] = cross(axis, position - frame.origin_joint)
         jacobian[:, 3:, i] = axis
     return ToolMotion(position, last.rotation @ T_last_tool[:3, :3], jacobian)
