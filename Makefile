@@ -13,7 +13,7 @@ ifdef PYTHON
 export PYTHON
 endif
 
-.PHONY: setup demo unit test lint audit pin bench soak studies clean
+.PHONY: setup demo wheel unit test lint audit pin bench soak studies clean
 
 setup:
 	@tools/setup.sh
@@ -54,6 +54,11 @@ pin:
 	$(PIN) $(UPGRADE) requirements.in -o requirements.txt && \
 	$(PIN) $(UPGRADE) requirements-dev.in -o requirements-dev.txt
 
+# The suite without ROS, into dist/, for each suited interpreter that is at hand.
+wheel:
+	@tools/setup.sh --dev
+	@tools/wheel.sh
+
 # A file of tests at a time on each worker: what they share is set up once, graphs keep apart.
 test: lint
 	@source ./env.bash && python -m pytest -n auto --maxprocesses 4 --dist loadfile
@@ -86,6 +91,6 @@ studies: setup
 	for name in $(TWO_CORES); do python -m studies.$$name || exit 1; done
 
 clean:
-	rm -rf .venv ros2_ws/build ros2_ws/install ros2_ws/log output
+	rm -rf .venv build dist ros2_ws/build ros2_ws/install ros2_ws/log output
 	find ros2_ws/src -name '*.so' -delete
 	find ros2_ws/src -name '*.egg-info' -prune -exec rm -rf {} +

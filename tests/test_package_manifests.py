@@ -70,3 +70,27 @@ def test_nothing_is_declared_twice(package: Path) -> None:
     root = ElementTree.parse(package / 'package.xml').getroot()
     lines = [(element.tag, element.text) for element in root if element.tag.endswith('depend')]
     assert len(lines) == len(set(lines))
+
+
+def test_all_packages_have_one_origin() -> None:
+    roots = [ElementTree.parse(package / 'package.xml').getroot() for package in PACKAGES]
+    for tag in ('version', 'license', 'maintainer', 'author'):
+        told = {(root.findtext(tag), str(root.find(tag).attrib)) for root in roots}
+        assert len(told) == 1, tag
+    for root in roots:
+        assert [url.get('type') for url in root.findall('url')] == ['website', 'bugtracker']
+
+
+@pytest.mark.parametrize('package', PACKAGES, ids=lambda path: path.name)
+def test_a_package_s_changelog_has_its_version_and_points_to_the_whole(package: Path) -> None:
+    text = (package / 'CHANGELOG.rst').read_text()
+    version = ElementTree.parse(package / 'package.xml').getroot().findtext('version')
+    assert text.splitlines()[1] == f'Changelog for package {package.name}'
+    assert f'\n{version} (' in text
+    assert '``CHANGELOG.md``' in text
+
+
+@pytest.mark.parametrize('package', PACKAGES, ids=lambda path: path.name)
+def test_the_manifest_is_well_formed_for_ament(package: Path) -> None:
+    lint = pytest.importorskip('ament_xmllint.main', reason='ament_xmllint is not installed')
+    assert lint.main([str(package / 'package.xml')]) == 0

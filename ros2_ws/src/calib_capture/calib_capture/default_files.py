@@ -4,13 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import TypeVar
-
-from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
 from calib_model.descriptions import read_description
 from calib_model.errors import ParameterError
+from calib_model.files import shared_file
 
 T = TypeVar('T')
 CONFIGURED_BY = 'calib_bringup'
@@ -38,10 +36,9 @@ def configured(name: str, given: str, parse: Callable[[str, str], T]) -> T:
     """
     if given:
         return read_description(given, parse)
-    try:
-        folder = get_package_share_directory(CONFIGURED_BY)
-    except PackageNotFoundError as error:
+    path = shared_file(CONFIGURED_BY, FILES[name][0])
+    if path is None:
         raise ParameterError(
             f"parameter '{name}' is empty and {CONFIGURED_BY} is not installed: give a path"
-        ) from error
-    return read_description(Path(folder) / FILES[name][0], parse)
+        )
+    return read_description(path, parse)

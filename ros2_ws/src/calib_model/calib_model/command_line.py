@@ -8,6 +8,7 @@ import gc
 import io
 import math
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -21,6 +22,10 @@ INTERRUPTED = 130
 ENDING = (signal.SIGTERM, signal.SIGHUP)
 #: objects more than were given back, after which Python looks for garbage
 GARBAGE = 100_000
+#: the command that starts all others where there is no ROS; argv[0] is then `calib NAME`
+CALIB = 'calib'
+#: modules that only planning, bending links and checking of a URDF need, from the extra `planning`
+PLANNING = {'pinocchio', 'coal', 'eaik'}
 
 
 class UsageError(CalibrationError):
@@ -30,14 +35,15 @@ class UsageError(CalibrationError):
 class CommandParser(argparse.ArgumentParser):
     """Arguments of a command; wrong ones are a UsageError, so one line and not argparse's three.
 
-    `description` and `epilog` (the example) keep their line breaks. Parse within `run_command`.
+    `description` and `epilog` (the example) keep their line breaks, and where `calib` starts the
+    command they say so instead of `ros2 run PACKAGE`. Parse within `run_command`.
     """
 
     def __init__(self, prog: str, description: str, epilog: str) -> None:
         super().__init__(
-            prog=prog,
-            description=description,
-            epilog=epilog,
+            prog=_as_called(f'ros2 run _ {prog}') if _by_calib() else prog,
+            description=_as_called(description),
+            epilog=_as_called(epilog),
             allow_abbrev=False,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
@@ -55,6 +61,14 @@ class CommandParser(argparse.ArgumentParser):
             if word.startswith('-') and word.endswith('=--'):
                 self.error(f"argument {word[:-3]}: expected a value, got '--'")
         return super().parse_known_args(words, namespace)
+
+
+def _by_calib() -> bool:
+    return sys.argv[0].partition(' ')[0] == CALIB
+
+
+def _as_called(text: str) -> str:
+    return re.sub(r'\bros2 run \w+ ', f'{CALIB} ', text) if _by_calib() else text
 
 
 def number_from(least: float, most: float) -> Callable[[str], float]:
@@ -95,7 +109,8 @@ def run_command(work: Callable[[], int | None]) -> int:
     """Do the work of a command and return its exit code.
 
     `work` returns an exit code, None for 0. A CalibrationError is printed as one line on stderr
-    and gives 2, and so do a system call that failed and too little memory; Ctrl-C, SIGTERM and
+    and gives 2, and so do an optional library that is missing, a system call that failed and too
+    little memory; Ctrl-C, SIGTERM and
     SIGHUP give 130; a reader that has gone away (`| head`) ends it quietly.
     """
     _end_as_by_ctrl_c()
@@ -112,6 +127,12 @@ def run_command(work: Callable[[], int | None]) -> int:
                 sys.stdout.flush()
     except CalibrationError as error:
         return _refused(error)
+    except ModuleNotFoundError as error:
+        if (error.name or '').partition('.')[0] not in PLANNING:
+            raise
+        return _refused(
+            CalibrationError('this needs Pinocchio and EAIK, not installed: pip install pin EAIK')
+        )
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:

@@ -7,6 +7,7 @@ without it is linear about the one with it, so that sums per sphere tell all of 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 
@@ -281,7 +282,8 @@ def _by_means(problem: Problem, sums: SphereSums, rows: IntArray) -> Array:
 
 def _totals(errors: list[_Errors]) -> Iterator[float]:
     for field in fields(_Errors):
-        yield float(sum(getattr(one, field.name) for one in errors))
+        # exact: what `sum` makes of it depends on Python's version
+        yield math.fsum(getattr(one, field.name) for one in errors)
 
 
 def _prediction(errors: list[_Errors]) -> Prediction:

@@ -4,14 +4,17 @@
 from __future__ import annotations
 
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
-from eaik.IK_DH import DhRobot
 
 from calib_model.arrays import Array
 from calib_model.errors import CalibrationError
 from calib_model.instruments import Arm, NDArrayBool
 from calib_model.kinematics import forward_kinematics
+
+if TYPE_CHECKING:
+    from eaik.IK_DH import DhRobot
 
 EXACT = 1e-9  # m and rad: a solution is one when forward kinematics says so
 SAME = 1e-6  # rad: closer postures are the same one
@@ -30,7 +33,7 @@ class InverseKinematics:
 
     Raises:
         InverseError: the arm's geometry has no known decomposition (it needs a spherical wrist
-            or three axes that are parallel, and no beta).
+            or three axes that are parallel, and no beta), or EAIK is not installed.
     """
 
     def __init__(self, arm: Arm, redundant: int = 2) -> None:
@@ -51,6 +54,10 @@ class InverseKinematics:
             )
 
     def _solver(self, fixed: list[tuple[int, float]]) -> DhRobot:
+        try:  # rosdep has no key for it, and only planning needs it
+            from eaik.IK_DH import DhRobot
+        except ModuleNotFoundError as error:
+            raise InverseError('this needs EAIK, not installed: pip install EAIK') from error
         a, alpha, d, _, _ = self.arm.geometry
         return DhRobot(alpha, a, d, fixed)
 

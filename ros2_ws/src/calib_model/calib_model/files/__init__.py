@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bounded reads, atomic writes, safe YAML, locks, and folders that callers may reach."""
+"""Bounded reads, atomic writes, safe YAML, locks, open folders, and what packages bring."""
 
 from typing import TYPE_CHECKING
 
@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     )
     from calib_model.files.folder_lock import (
         FolderLock as FolderLock,
+    )
+    from calib_model.files.installed import (
+        shared_file as shared_file,
     )
     from calib_model.files.one_result import (
         OPTIONAL as OPTIONAL,

@@ -7,11 +7,9 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 from calib_interfaces.msg import StylusDisplacements
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
@@ -30,6 +28,7 @@ from calib_model.descriptions import (
     read_description,
 )
 from calib_model.errors import ParameterError
+from calib_model.files import shared_file
 from calib_model.nodes import NodeCommand, Parameters, joints_of, qos_of, run_node, stamp_of
 from calib_model.stamps import SECOND
 from calib_model.topics import (
@@ -108,12 +107,12 @@ def _read(name: str, given: str, parse: Callable[[str, str], T]) -> T:
     if given:
         return read_description(given, parse)
     package, file, _ = FILES[name]
-    try:
-        return read_description(Path(get_package_share_directory(package)) / file, parse)
-    except PackageNotFoundError as error:
+    path = shared_file(package, file)
+    if path is None:
         raise ParameterError(
             f"parameter '{name}' is empty and {package} is not installed: give a path"
-        ) from error
+        )
+    return read_description(path, parse)
 
 
 class ProbeNode(Node):

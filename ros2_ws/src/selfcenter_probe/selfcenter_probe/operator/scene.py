@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
 from calib_model.command_line import UsageError
 from calib_model.descriptions import (
@@ -19,6 +18,7 @@ from calib_model.descriptions import (
     parse_probe,
     read_description,
 )
+from calib_model.files import shared_file
 from calib_model.instruments import Arm, Gauge, Probe
 from calib_model.transforms import RigidTransform
 from selfcenter_probe.simulation import Magnitudes, World, parse_magnitudes
@@ -61,10 +61,10 @@ def _described(package: str, file: str, given: Path | None, parse: Callable[[str
     """
     if given is not None:
         return read_description(given, parse)
-    try:
-        return read_description(Path(get_package_share_directory(package)) / file, parse)
-    except PackageNotFoundError as error:
-        raise UsageError(f'{package} is not installed: give the path of a {file}') from error
+    path = shared_file(package, file)
+    if path is None:
+        raise UsageError(f'{package} is not installed: give the path of a {file}')
+    return read_description(path, parse)
 
 
 def read_scene(probe: str, files: Mapping[str, Path | None]) -> Scene:
