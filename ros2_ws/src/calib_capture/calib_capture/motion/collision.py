@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import TypeGuard
+
 import coal
 import numpy as np
 import pinocchio
@@ -28,6 +30,9 @@ class CollisionCheck:
         self._data = pinocchio.GeometryData(self._geometry)
         for request in self._data.collisionRequests:
             request.security_margin = bodies.settings.clearance
+        self._own = [row for row, (_, other) in enumerate(self._kinds) if _of_itself(other)]
+        others = [row for row in range(len(self._kinds)) if row not in self._own]
+        self._outside, self._within = self._only(others), self._only(self._own)
         self._local = [_placement(body) for body in bodies.gauge]
         self._seats: list[int] = []  # pairs of a stylus and the probed sphere
         self._seated = False
@@ -62,6 +67,14 @@ class CollisionCheck:
         self._geometry.addCollisionPair(pinocchio.CollisionPair(first, second))
         self._kinds.append((one, other))
 
+    def _only(self, pairs: list[int]) -> pinocchio.GeometryData:
+        """Of which only some pairs are looked at."""
+        data = pinocchio.GeometryData(self._geometry)
+        for pair in range(len(self._kinds)):
+            if pair not in pairs:
+                data.deactivateCollisionPair(pair)
+        return data
+
     def put_gauge(self, T_base_gauge: RigidTransform, probed: int) -> None:
         """Put the gauge in its place; the styli may touch sphere `probed` and no other."""
         place = pinocchio.SE3(T_base_gauge.matrix())
@@ -76,13 +89,15 @@ class CollisionCheck:
 
     def _seat(self, seated: bool) -> None:
         """Whether the styli may touch the probed sphere from now on."""
-        if seated != self._seated:
-            self._seated = seated
+        if seated == self._seated:
+            return
+        self._seated = seated
+        for data in (self._data, self._outside):
             for pair in self._seats:
                 if seated:
-                    self._data.deactivateCollisionPair(pair)
+                    data.deactivateCollisionPair(pair)
                 else:
-                    self._data.activateCollisionPair(pair)
+                    data.activateCollisionPair(pair)
 
     def touches(self, q: Array, seated: bool = True) -> bool:
         """Whether anything touches in posture q (n,); `seated`: but for styli and probed sphere."""
@@ -97,17 +112,30 @@ class CollisionCheck:
         )
         return touching
 
-    def gap(self, q: Array, seated: bool = True) -> float:
-        """How far apart (m) what comes nearest to one another is, negative where it overlaps."""
+    @property
+    def self_pairs(self) -> list[tuple[Body, Body]]:
+        """What of arm and probe may not touch what of them, in the order of `gaps_within`."""
+        return [(one, other) for one, other in self._kinds if _of_itself(other)]
+
+    def gap_outside(self, q: Array, seated: bool = True) -> Array:
+        """How far (1,), m, arm and probe are from gauge and floor, negative where they overlap;
+        `seated`: but for styli and probed sphere."""
         self._seat(seated)
-        nearest = pinocchio.computeDistances(
-            self._arm.model,
-            self._arm.data,
-            self._geometry,
-            self._data,
-            np.ascontiguousarray(q, dtype=np.float64),
+        nearest = self._measure(self._outside, q)
+        return np.array([self._outside.distanceResults[nearest].min_distance])
+
+    def gaps_within(self, q: Array) -> Array:
+        """How far (S,), m, the two of each of the `self_pairs` are apart."""
+        self._measure(self._within, q)
+        results = self._within.distanceResults
+        return np.array([results[pair].min_distance for pair in self._own])
+
+    def _measure(self, data: pinocchio.GeometryData, q: Array) -> int:
+        posture = np.ascontiguousarray(q, dtype=np.float64)
+        nearest: int = pinocchio.computeDistances(
+            self._arm.model, self._arm.data, self._geometry, data, posture
         )
-        return float(self._data.distanceResults[nearest].min_distance)
+        return nearest
 
     def contact(self, q: Array, seated: bool = True) -> str:
         """What touches in posture q (n,), as `probe touches rod`; empty when nothing does."""
@@ -119,6 +147,11 @@ class CollisionCheck:
                 met = 'floor' if other is None else other.kind
                 return f'{one.kind} touches {met}' if met != one.kind else 'arm touches itself'
         return 'contact'
+
+
+def _of_itself(other: Body | None) -> TypeGuard[Body]:
+    """Whether it is the arm's or the probe's, not the floor or the gauge."""
+    return other is not None and other.frame != WORLD
 
 
 def _placement(body: Body) -> pinocchio.SE3:

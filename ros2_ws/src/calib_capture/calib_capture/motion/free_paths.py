@@ -3,20 +3,27 @@
 
 A straight way in joint space is halved until the gaps at both ends of each piece are together
 wider than anything moves in between, so that nothing can meet there. How far anything moves is
-bounded by what every joint turns, times what reaches farthest from its axis.
+bounded by what every joint turns, times what reaches farthest from its axis. Among the bodies of
+the arm only the joints between two of them count: forearm and wrist are always near.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
-from calib_capture.motion.bodies import Bodies
+from calib_capture.motion.bodies import Bodies, Body
 from calib_capture.motion.collision import CollisionCheck
 from calib_capture.motion.rrt_connect import rrt_connect
 from calib_model.arrays import Array
 from calib_model.instruments import Arm
 
 FINEST = 1e-3  # m that anything moves in a piece that is not halved, where no clearance is asked
+
+
+#: how far apart things are in a posture (n,), m: of each pair, or the nearest alone
+Gap = Callable[[Array], Array]
 
 
 class FreePaths:
@@ -32,6 +39,8 @@ class FreePaths:
         limits = np.clip(arm.limits, -np.pi, np.pi)
         self._lower, self._upper = limits[:, 0] + limit_margin, limits[:, 1] - limit_margin
         self.reach = _reach(arm, bodies)
+        pairs = check.self_pairs if check is not None else []
+        self._nearing = np.array([_nearing(arm, *pair) for pair in pairs]).reshape(-1, arm.n)
         self._clearance = bodies.settings.clearance if bodies is not None else 0.0
 
     def clear(self, q: Array) -> bool:
@@ -45,26 +54,26 @@ class FreePaths:
         """
         if self._check is None:
             return True
-        gaps = self._gap(start, seated), self._gap(goal, seated)
-        far = float(self.reach @ np.abs(goal - start))
-        return self._piece_free(start, goal, gaps, far, seated)
+        check, turned = self._check, np.abs(goal - start)
+        return self._piece_free(
+            lambda q: check.gap_outside(q, seated), start, goal, self.reach[None] @ turned
+        ) and self._piece_free(check.gaps_within, start, goal, self._nearing @ turned)
 
-    def _piece_free(
-        self, start: Array, goal: Array, gaps: tuple[float, float], far: float, seated: bool
-    ) -> bool:
-        """A piece between gaps (m) in which nothing moves farther than `far` (m)."""
-        if far <= max(gaps[0] + gaps[1], FINEST):
-            return True
-        middle = (start + goal) / 2
-        gap = self._gap(middle, seated)
-        return (
-            gap >= self._clearance
-            and self._piece_free(start, middle, (gaps[0], gap), far / 2, seated)
-            and self._piece_free(middle, goal, (gap, gaps[1]), far / 2, seated)
-        )
+    def _piece_free(self, gap: Gap, start: Array, goal: Array, far: Array) -> bool:
+        """Whether nothing of what `gap` measures meets, where it comes nearer by at most `far`."""
 
-    def _gap(self, q: Array, seated: bool) -> float:
-        return self._check.gap(q, seated) if self._check is not None else np.inf
+        def free(piece: tuple[Array, Array], gaps: tuple[Array, Array], far: Array) -> bool:
+            if (far <= np.maximum(gaps[0] + gaps[1], FINEST)).all():
+                return True
+            middle = (piece[0] + piece[1]) / 2
+            between = gap(middle)
+            return (
+                bool((between >= self._clearance).all())
+                and free((piece[0], middle), (gaps[0], between), far / 2)
+                and free((middle, piece[1]), (between, gaps[1]), far / 2)
+            )
+
+        return free((start, goal), (gap(start), gap(goal)), far)
 
     def between(self, start: Array, goal: Array) -> Array | None:
         """Postures (K, n) to go by from one posture to another, none where the straight way is
@@ -85,20 +94,31 @@ class FreePaths:
 
 def _reach(arm: Arm, bodies: Bodies | None) -> Array:
     """How far from each joint's axis (n,) anything can be that moves with it, m."""
+    farthest = np.maximum(np.abs(arm.geometry[0]), 1e-3)
+    for body in bodies.moving if bodies is not None else ():
+        farthest = np.maximum(farthest, _body_reach(arm, body))
+    return farthest
+
+
+def _body_reach(arm: Arm, body: Body) -> Array:
+    """How far from each joint's axis (n,) a body can be, m; 0 of joints that do not move it."""
     a, _, d, _, _ = arm.geometry
     links = np.hypot(a, d)
-    reach = np.maximum(np.abs(a), 1e-3)
-    for joint in range(arm.n):
+    carrier, ends = body.frame - 1, np.array([body.start, body.end])
+    reach = np.zeros(arm.n)
+    for joint in range(carrier):
         # to the origin of the joint before which the body is, and from there to its far end
-        for body in bodies.moving if bodies is not None else ():
-            carrier = body.frame - 1
-            if carrier < joint:
-                continue
-            ends = np.array([body.start, body.end])
-            if carrier == joint:
-                far = np.hypot(ends[:, 0], ends[:, 1]).max()
-            else:
-                far = abs(a[joint]) + links[joint + 1 : carrier].sum()
-                far += np.linalg.norm(ends, axis=1).max()
-            reach[joint] = max(reach[joint], far + body.radius)
+        beyond = links[joint + 1 : carrier].sum() + np.linalg.norm(ends, axis=1).max()
+        reach[joint] = abs(a[joint]) + beyond + body.radius
+    if carrier >= 0:
+        reach[carrier] = np.hypot(ends[:, 0], ends[:, 1]).max() + body.radius
     return reach
+
+
+def _nearing(arm: Arm, one: Body, other: Body) -> Array:
+    """By how much two bodies of an arm come nearer to one another at most when each joint (n,)
+    turns, m/rad: those that move both leave them as they are."""
+    still, moved = sorted((one, other), key=lambda body: body.frame)
+    nearing = _body_reach(arm, moved)
+    nearing[: still.frame] = 0.0
+    return nearing

@@ -67,7 +67,9 @@ def _refusals(program: Program) -> list[str]:
     for plan in program.spheres:
         counts.update(plan.refused)
     branches = sorted({branch for branch, _ in counts})
-    reasons = sorted({reason for _, reason in counts}, key=lambda reason: -_total(counts, reason))
+    reasons = sorted(
+        {reason for _, reason in counts}, key=lambda reason: (-_total(counts, reason), reason)
+    )
     rows = [['reason', *branches, 'all']]
     for reason in reasons:
         each = [str(counts[branch, reason]) for branch in branches]
