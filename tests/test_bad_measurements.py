@@ -95,6 +95,12 @@ def with_moved_gauge(first, last):
     return replace(measured(), poses=replace(poses, displacement=readings))
 
 
+def with_a_stuck_stylus(measured, column, first, last):
+    displacement = np.array(measured.poses.displacement)
+    displacement[first:last, column] = -4e-4
+    return replace(measured, poses=replace(measured.poses, displacement=displacement))
+
+
 def measured_diameter():
     return measured().gauge.sphere_diameter
 
@@ -195,6 +201,10 @@ NAMED = {
     'a gauge moved in mid-location': (
         lambda: with_moved_gauge(200, 239),
         r'^location 3: sphere .*or the gauge moved',
+    ),
+    'a gauge pushed while a stylus stuck later': (
+        lambda: with_a_stuck_stylus(with_moved_gauge(90, 559), 2, 300, 420),
+        r'^the gauge at location 2 was pushed by 0\.(49|50)\d mm near pose 9\d: that alone',
     ),
     'a gauge moved in mid-sphere': (lambda: with_moved_gauge(212, 239), r'gauge moved|left out'),
 }

@@ -2,9 +2,9 @@
 """Fault signatures: residuals that are mostly one known fault's shadow.
 
 After the fit the deviations are held against what a wrong gain of a stylus, a wrong diameter of the
-spheres, or an encoder that jumped in mid-measurement would have left in them. What the identified
-parameters could have taken up is set aside first, so a fault is named only for what nothing else
-explains.
+spheres, an encoder that jumped or a gauge that was pushed in mid-measurement would have left. What
+the identified parameters could have taken up is set aside first, so a fault is named only for what
+nothing else explains.
 """
 
 from __future__ import annotations
@@ -28,15 +28,18 @@ SHARE = 0.5
 FEWEST = 100
 #: m, below which residuals are rounding, and no fault's
 ROUNDING = 1e-12
+#: of two faults that leave much alike, the one that leaves less is not named alone within this
+ALIKE = 1.5
 STEP = 1e-7  # m, for the derivative by a reading or a diameter
 
 
 @dataclass(frozen=True)
 class FaultSignature:
-    """A fault that explains `share` of the residuals' variance."""
+    """A fault that explains `share` of the residuals' variance; `kind` is what is at fault."""
 
     share: float
     text: str
+    kind: str
 
 
 def named_signatures(
@@ -52,9 +55,13 @@ def named_signatures(
     residuals = ResidualProjection(problem, table, arm, probe, rows)
     if np.abs(residuals.left).max() < ROUNDING:
         return ()
-    best = max(_signatures(residuals, pose_of), key=lambda one: one.share)
+    found = sorted(_signatures(residuals, pose_of), key=lambda one: -one.share)
+    best, other = found[0], next((one for one in found if one.kind != found[0].kind), found[0])
     if best.share < SHARE:
         return ()
+    if other.kind != best.kind and 1 - other.share < ALIKE * (1 - best.share):
+        shares = f'that alone explains {best.share:.0%} or {other.share:.0%} of the residuals'
+        return (f'one of: {best.text}; {other.text}: {shares}',)
     return (f'{best.text}: that alone explains {best.share:.0%} of the residuals',)
 
 
@@ -65,7 +72,20 @@ def _signatures(residuals: ResidualProjection, pose_of: IntArray) -> Iterator[Fa
     moments = places[np.unique(np.linspace(2, len(places) - 2, MOMENTS).astype(np.int64))]
     for jump in likely_jumps(residuals, moments):
         name = residuals.arm.joint_names[jump.joint]
-        yield FaultSignature(jump.share, f'joint {name} {jump.text(pose_of)}')
+        yield FaultSignature(jump.share, f'joint {name} {jump.text(pose_of)}', 'joint')
+    yield max((_push(residuals, at, pose_of) for at in moments), key=lambda one: one.share)
+
+
+def _push(residuals: ResidualProjection, moment: int, pose_of: IntArray) -> FaultSignature:
+    """The gauge pushed at a moment, a place in the measurement, until it is carried on."""
+    where = residuals.measured.poses.location
+    pushed = (residuals.when >= moment) & (where[residuals.when] == where[moment])
+    fits, among, _ = residuals.products(pushed[:, None, None] * np.eye(3))
+    # the part that no parameter takes up may lack a direction
+    step = np.linalg.pinv(among, hermitian=True, rcond=1e-6) @ fits
+    size, near = np.linalg.norm(step) * 1e3, pose_of[moment] + 1
+    text = f'the gauge at location {where[moment]} was pushed by {size:.3f} mm near pose {near}'
+    return FaultSignature(float(residuals.share(fits @ step)), text, 'gauge')
 
 
 def _of_the_probe(residuals: ResidualProjection, probe: ActiveProbe) -> Iterator[FaultSignature]:
@@ -85,6 +105,8 @@ def _of_the_probe(residuals: ResidualProjection, probe: ActiveProbe) -> Iterator
     for stylus in range(3):
         much = 'much' if sizes[stylus] > 0 else 'little'
         size = f'{abs(sizes[stylus]):.2%}'
-        yield FaultSignature(float(shares[stylus]), f'stylus {stylus + 1} reads {size} too {much}')
+        yield FaultSignature(
+            float(shares[stylus]), f'stylus {stylus + 1} reads {size} too {much}', 'stylus'
+        )
     text = f"the spheres' diameter is {-sizes[3] * 1e3:+.3f} mm from the gauge's {diameter * 1e3:g}"
-    yield FaultSignature(float(shares[3]), f'{text} mm, or the tips are so in all')
+    yield FaultSignature(float(shares[3]), f'{text} mm, or the tips are so in all', 'sphere')
