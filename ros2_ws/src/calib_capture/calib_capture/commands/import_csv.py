@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import sys
-import tempfile
 from pathlib import Path
 
 from calib_capture.commands.pose_table import read_table
@@ -45,11 +44,8 @@ def import_csv(
     poses = read_table(table, arm, probe, gauge)
     measured = Measurement(arm, probe, gauge, poses, str(table)).checked()
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        # made beside its place and moved there, so that a failure leaves nothing behind
-        with tempfile.TemporaryDirectory(prefix='.import_csv-', dir=out.parent) as part:
-            bags.write_measurement(Path(part) / out.name, measured, Progress(sys.stderr))
-            (Path(part) / out.name).rename(out)
+        with files.made_whole(out) as part:
+            bags.write_measurement(part, measured, Progress(sys.stderr))
     except OSError as error:
         raise BagError(f'{out}: cannot be written: {error.strerror}') from error
     return measured

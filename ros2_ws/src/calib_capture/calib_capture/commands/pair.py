@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import sys
-import tempfile
 from argparse import Namespace
 from collections.abc import Mapping
 from dataclasses import fields, replace
@@ -28,7 +27,7 @@ from calib_model.bounds import PAIRING
 from calib_model.command_line import CommandParser, UsageError, number_from, run_command
 from calib_model.descriptions import parse_placements, read_description
 from calib_model.errors import BagError
-from calib_model.files import refuse_taken
+from calib_model.files import made_whole, refuse_taken
 from calib_model.measurement import Measurement
 from calib_model.pairing import (
     HAND_GUIDED_NOTE,
@@ -115,10 +114,8 @@ def _write(raw: Path, out: Path, measured: Measurement) -> None:
     warm = read_temperature(raw)
     notes = {TEMPERATURE_NOTE: warm.content()} if warm is not None else {}
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix='.pair-', dir=out.parent) as part:
-            write_measurement(Path(part) / out.name, measured, Progress(sys.stderr), notes)
-            (Path(part) / out.name).rename(out)
+        with made_whole(out) as part:
+            write_measurement(part, measured, Progress(sys.stderr), notes)
     except OSError as error:
         raise BagError(f'{out}: cannot be written: {error.strerror}') from error
 

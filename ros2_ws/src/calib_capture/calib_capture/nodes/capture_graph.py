@@ -236,16 +236,17 @@ class CaptureNode(Node):
 
     def _recorder(self, earlier: Sequence[FileAccount]) -> Recorder:
         asked = self.asked
-        recorder = Recorder(
-            asked.output,
-            self.arm,
-            self.probe,
-            self.gauge,
-            self._announce,
-            time.time_ns(),
-            asked.steady,
-            earlier,
-        )
+        with asked.confined():
+            recorder = Recorder(
+                asked.output,
+                self.arm,
+                self.probe,
+                self.gauge,
+                self._announce,
+                time.time_ns(),
+                asked.steady,
+                earlier,
+            )
         if asked.temperature is not None:
             recorder.note(TEMPERATURE_NOTE, asked.temperature.content())
         return recorder

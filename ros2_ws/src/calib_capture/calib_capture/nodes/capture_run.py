@@ -133,7 +133,8 @@ class CaptureRun:
         node = self._node
         if not Path(node.asked.output).exists():
             return Begun((), None)
-        there = begun(node.asked.output, node.arm, node.probe, node.gauge)
+        with node.asked.confined():
+            there = begun(node.asked.output, node.arm, node.probe, node.gauge)
         for line in there.mended:
             self._watcher.say(line)
         return there
@@ -186,7 +187,8 @@ class CaptureRun:
         """What a hand-guided capture is asked for, or what its bag was begun with."""
         asked, output = self._node.asked, self._node.asked.output
         if Path(output).exists():
-            earlier = HandGuidedRecord.read(read_note(output, HAND_GUIDED_NOTE), output)
+            with asked.confined():
+                earlier = HandGuidedRecord.read(read_note(output, HAND_GUIDED_NOTE), output)
             if earlier is not None:
                 return earlier
         placements = self._node.placements

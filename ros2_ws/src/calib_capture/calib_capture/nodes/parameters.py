@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +17,7 @@ from calib_model.bags import Temperature
 from calib_model.bounds import TEMPERATURE
 from calib_model.descriptions import parse_placements, read_description
 from calib_model.errors import ParameterError
-from calib_model.files import Folders, usual_writing
+from calib_model.files import Folders, confined, usual_writing
 from calib_model.nodes import Parameters
 from calib_model.pairing import HandGuidedSettings, SteadySettings
 from calib_model.transforms import RigidTransform
@@ -64,6 +65,10 @@ class CaptureParameters:
     taught: str = ''
     writing: Folders = Folders('output_folders', ())
     assumed: bool = False  # the placements are the shipped example's, nobody gave them
+
+    def confined(self) -> AbstractContextManager[None]:
+        """Within, the bag of a goal is opened in the folders open to callers alone."""
+        return confined(self.writing, self.writing) if self.serve else nullcontext()
 
 
 class ParameterReader:

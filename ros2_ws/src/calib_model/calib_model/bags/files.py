@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 from collections import Counter
@@ -13,13 +14,14 @@ from typing import IO, Any
 import zstandard
 
 from calib_model.errors import BagError, DescriptionError
-from calib_model.files import file_content, load_plain
+from calib_model.files import HeldFolder, file_content, load_plain, open_file
 
 ZSTD = b'\x28\xb5\x2f\xfd'
 SQLITE = b'SQLite format 3\x00'
 METADATA = 'metadata.yaml'
 NO_METADATA = 'not a rosbag2 metadata file'
 LARGEST_METADATA = 20_000_000  # characters: of some hundred thousand files
+NOWHERE = (errno.ENOENT, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP)
 KINDS = ('.mcap', '.db3')
 
 
@@ -27,26 +29,52 @@ def bag_files(path: str | Path) -> list[Path]:
     """The storage files of a bag: of its folder in recorded order, or the file itself.
 
     Raises:
-        BagError: there is no bag at `path`.
+        BagError: there is no bag at `path`, or one of its files is a pipe or a device.
+        NotPermittedError: it leads out of the folders that this thread is confined to.
     """
     path = Path(path)
-    if not os.path.exists(path):  # false, too, for a name that no file can have
-        raise BagError(f'{path}: no such bag')
-    if path.is_file():
+    there = _names(path)
+    if there is None:
+        size_of(path)
         return [path]
-    found = _listed_files(path) or unlisted_files(path)
+    found = _listed_files(path, there) or unlisted_files(path)
     if not found:
         raise BagError(f'{path}: no .mcap file in this folder')
     for file in found:
-        if not file.is_file():
+        if file.name not in there:
             raise BagError(f'{path}: metadata.yaml names {file.name}, which is missing')
+        size_of(file)
     return found
+
+
+def size_of(file: Path) -> int:
+    """Bytes of a file of a bag.
+
+    Raises:
+        BagError: it cannot be read, or is no file.
+    """
+    try:
+        with open_file(file) as stream:
+            return os.fstat(stream.fileno()).st_size
+    except OSError as error:
+        if error.errno in NOWHERE:
+            raise BagError(f'{file}: no such bag') from error
+        raise BagError(f'{file}: cannot be read: {error.strerror}') from error
+
+
+def _names(folder: Path) -> set[str] | None:
+    """What is in a folder; None: it is a file, or there is nothing."""
+    try:
+        with HeldFolder(folder) as held:
+            return set(held.names())
+    except OSError:
+        return None
 
 
 def files_in(folder: Path, kind: str = '.mcap') -> list[Path]:
     """The files of a folder in recorded order, whatever its metadata.yaml says."""
-
-    return sorted(folder.glob(f'*{kind}'), key=_recorded)
+    names = _names(folder) or set()
+    return sorted((folder / name for name in names if name.endswith(kind)), key=_recorded)
 
 
 def _recorded(file: Path) -> list[int | str]:
@@ -61,8 +89,9 @@ def unlisted_files(folder: Path) -> list[Path]:
     """
     for kind in KINDS:
         plain = files_in(folder, kind)
+        known = set(plain)
         packed = [
-            file for file in files_in(folder, f'{kind}.zstd') if file.with_suffix('') not in plain
+            file for file in files_in(folder, f'{kind}.zstd') if file.with_suffix('') not in known
         ]
         if plain or packed:
             return sorted([*plain, *packed], key=_recorded)
@@ -76,7 +105,7 @@ def left_aside(path: str | Path) -> list[Path]:
         BagError: there is no bag at `path`.
     """
     listed = bag_files(path)
-    if Path(path).is_file():
+    if listed == [Path(path)]:
         return []
     known = {_plain(file) for file in listed}
     return [file for file in unlisted_files(Path(path)) if _plain(file) not in known]
@@ -87,32 +116,32 @@ def _plain(file: Path) -> Path:
     return file.with_suffix('') if file.suffix == '.zstd' else file
 
 
-def _listed_files(folder: Path) -> list[Path]:
-    information = _information(folder)
+def _listed_files(folder: Path, there: set[str]) -> list[Path]:
+    information = _information(folder) if METADATA in there else {}
     try:
         names = information['relative_file_paths'] if information else []
-        files = [folder / Path(name).name for name in names]
+        files = [Path(name).name for name in names]
     except (TypeError, KeyError) as error:
         raise BagError(f'{folder / METADATA}: {NO_METADATA}') from error
-    packed = [file.with_name(f'{file.name}.zstd') for file in files]
     # a recording that was stopped hard: files are compressed, their list was not written anew
-    there = [
-        pack if pack.is_file() and not file.is_file() else file
-        for file, pack in zip(files, packed, strict=True)
+    packed = [name not in there and f'{name}.zstd' in there for name in files]
+    listed = [
+        folder / (f'{name}.zstd' if pack else name)
+        for name, pack in zip(files, packed, strict=True)
     ]
-    twice = [file for file, count in Counter(there).items() if count > 1]
+    twice = [file for file, count in Counter(listed).items() if count > 1]
     if twice:
         raise BagError(f'{folder / METADATA}: lists {twice[0].name} twice')
-    return there
+    return listed
 
 
 def _information(folder: Path) -> dict[str, Any]:
     """What metadata.yaml says; empty where there is none."""
     metadata = folder / METADATA
-    if not metadata.is_file():
-        return {}
     try:
         return _parsed(file_content(metadata, 4 * LARGEST_METADATA).decode('utf-8'))
+    except (FileNotFoundError, NotADirectoryError):
+        return {}
     except DescriptionError as error:
         raise BagError(f'{metadata}: {error}') from error
     except (OSError, ValueError, TypeError, KeyError) as error:
@@ -150,7 +179,7 @@ def begins_with(file: Path, magic: bytes) -> bool:
     Raises:
         OSError: it cannot be read.
     """
-    with file.open('rb') as stream:
+    with open_file(file) as stream:
         return stream.read(len(magic)) == magic
 
 
@@ -162,7 +191,7 @@ def open_unpacked(file: Path, packed: IO[bytes] | None = None) -> IO[bytes]:
     Raises:
         OSError: it cannot be read; later reads raise zstandard.ZstdError where it is damaged.
     """
-    stream = packed or file.open('rb')
+    stream = packed or open_file(file)
     if not begins_with(file, ZSTD):
         return stream
     unpacked: IO[bytes] = zstandard.ZstdDecompressor().stream_reader(

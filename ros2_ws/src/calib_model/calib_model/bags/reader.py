@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from io import BytesIO
@@ -26,9 +27,17 @@ from mcap.records import (
 )
 
 from calib_model.bags.decompression import chunk_content, unpacked_zstd
-from calib_model.bags.files import ZSTD, bag_files, begins_with, is_sqlite, open_unpacked
+from calib_model.bags.files import (
+    ZSTD,
+    bag_files,
+    begins_with,
+    is_sqlite,
+    open_unpacked,
+    size_of,
+)
 from calib_model.bags.record_reader import DAMAGE, MAGIC, RecordReader, another_follows
 from calib_model.errors import BagError
+from calib_model.files import open_file
 
 RECORD = struct.Struct('<BQ')  # opcode and length
 MESSAGE = struct.Struct('<HIQQ')  # channel, sequence, log time, publish time
@@ -69,7 +78,7 @@ def read_messages(
         BagError: no bag there, not MCAP, not CDR, or damaged (when not merely cut short).
     """
     files = bag_files(path)
-    ends = list(accumulate(file.stat().st_size for file in files))
+    ends = list(accumulate(size_of(file) for file in files))
     for before, file in zip([0, *ends], files, strict=False):
         total = ends[-1]
 
@@ -142,7 +151,7 @@ def _read_file(
     known = _Known(file, topics)
     finished = False
     try:
-        with file.open('rb') as packed, open_unpacked(file, packed) as stream:
+        with open_file(file) as packed, open_unpacked(file, packed) as stream:
             reader = RecordReader(stream, validate_crcs=True)
             while True:
                 finished = False
@@ -177,7 +186,7 @@ class _Known:
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, tuple[str, str, str] | None] = {}
         self.count = 0
-        self._most = max(ANYWAY, int(file.stat().st_size / LEAST_MESSAGE))
+        self._most = max(ANYWAY, int(size_of(file) / LEAST_MESSAGE))
 
     def add(self, channel: Channel) -> None:
         """Take note of a channel; what nobody asked for by name may be in any encoding."""
@@ -242,7 +251,7 @@ class _Known:
 
     def _refuse_so_many(self) -> None:
         raise BagError(
-            f'{self._file}: more than {self._most} messages in {self._file.stat().st_size} bytes: '
+            f'{self._file}: more than {self._most} messages in {size_of(self._file)} bytes: '
             'no recording is packed like that'
         )
 
@@ -260,8 +269,8 @@ def _lacks_end(file: Path) -> bool:
     """Whether the file was cut; one that has its end and yet runs out has a wrong length in it."""
     if begins_with(file, ZSTD):
         return True
-    with file.open('rb') as stream:
-        stream.seek(max(0, file.stat().st_size - len(MAGIC)))
+    with open_file(file) as stream:
+        stream.seek(max(0, stream.seek(0, os.SEEK_END) - len(MAGIC)))
         return stream.read() != MAGIC
 
 

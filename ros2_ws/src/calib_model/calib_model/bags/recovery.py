@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,19 +23,28 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 
 from calib_model.bags.decompression import chunk_content, unpacked_zstd
 from calib_model.bags.files import (
+    METADATA,
     ZSTD,
     bag_files,
     files_in,
     is_sqlite,
     left_aside,
     open_unpacked,
+    size_of,
     unlisted_files,
 )
 from calib_model.bags.metadata import Definition, FileAccount, metadata_yaml
 from calib_model.bags.record_reader import DAMAGE, MAGIC, RecordReader
 from calib_model.bags.writer import BagWriter
 from calib_model.errors import BagError, DescriptionError
-from calib_model.files import load_plain, refuse_taken, write_whole
+from calib_model.files import (
+    HeldFolder,
+    load_plain,
+    made_whole,
+    open_file,
+    refuse_taken,
+    working_folder,
+)
 from calib_model.progress import Pace, Progress
 
 UNBEGUN = 1 << 16  # bytes: a recording's first chunk, the descriptions, is smaller
@@ -94,16 +102,14 @@ def recover(bad: str | Path, out: str | Path, progress: Progress | None = None) 
     refuse_taken(out)
     files, found = _files_of(bad), Recovery()
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix='.recover-', dir=out.parent) as part:
-            with BagWriter(Path(part) / out.name, chunk_size=1 << 20) as bag:
+        with made_whole(out) as part:
+            with BagWriter(part, chunk_size=1 << 20) as bag:
                 for file in files:
                     pace = Pace(progress, f'copying {file}', 'MB', 1e6)
                     _copy(file, bag, found, pace)
                     pace.end()
             if not found.messages:
                 raise BagError(f'{bad}: no complete chunk in it, nothing can be recovered')
-            bag.path.rename(out)
     except OSError as error:
         raise BagError(f'{out}: cannot be written: {error.strerror}') from error
     return found
@@ -123,48 +129,53 @@ def repair(bag: str | Path, told: Callable[[str], None] = lambda line: None) -> 
             written.
     """
     folder = Path(bag)
-    files = files_in(folder) if folder.is_dir() else []
-    if not files and not (folder / 'metadata.yaml').is_file():
-        raise BagError(f'{folder}: no such bag')
-    accounts = []
     try:
-        for left in folder.glob('.repair-*'):
-            shutil.rmtree(left)
-        for left in folder.glob('.metadata.yaml.*.part'):  # killed while it wrote this
-            left.unlink()
-        for file in files:
-            account = _repaired(file, told)
-            if account.messages:
-                accounts.append(account)
-            elif file.stat().st_size > UNBEGUN:
-                raise BagError(f'{file}: no complete chunk in it, nothing can be recovered')
-            else:
-                file.unlink()
-        _list_files(folder, accounts)
+        with HeldFolder(folder, writing=True) as held:
+            return _repaired_in(held, told)
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise BagError(f'{folder}: no such bag') from error
     except OSError as error:
         raise BagError(f'{folder}: cannot be written: {error.strerror}') from error
+
+
+def _repaired_in(held: HeldFolder, told: Callable[[str], None]) -> list[FileAccount]:
+    files = files_in(held.path)
+    if not files and not held.has(METADATA):
+        raise BagError(f'{held.path}: no such bag')
+    accounts = []
+    for file in files:
+        account = _repaired(held, file, told)
+        if account.messages:
+            accounts.append(account)
+        elif size_of(file) > UNBEGUN:
+            raise BagError(f'{file}: no complete chunk in it, nothing can be recovered')
+        else:
+            held.remove(file.name)
+    if accounts:
+        held.write_together({METADATA: metadata_yaml(accounts).encode()})
+        return accounts
+    held.remove(METADATA)
+    if not held.names() and held.current:
+        held.path.rmdir()
     return accounts
 
 
-def _list_files(folder: Path, accounts: list[FileAccount]) -> None:
-    if accounts:
-        write_whole(folder / 'metadata.yaml', metadata_yaml(accounts))
-        return
-    (folder / 'metadata.yaml').unlink(missing_ok=True)
-    if not any(folder.iterdir()):
-        folder.rmdir()
-
-
-def _repaired(file: Path, told: Callable[[str], None]) -> FileAccount:
-    with tempfile.TemporaryDirectory(prefix='.repair-', dir=file.parent) as part:
-        found, copy = Recovery(), BagWriter(Path(part) / 'copy')
+def _repaired(held: HeldFolder, file: Path, told: Callable[[str], None]) -> FileAccount:
+    with working_folder(held, 'repair') as part:
+        found, copy = Recovery(), BagWriter(part.path / 'copy')
         with copy:
             _copy(file, copy, found)
         account = copy.close()
         if found.lossy:
             told(f'{file}: {found.messages} messages recovered, missing: {found.loss()}')
         if found.lossy and found.messages:
-            (copy.path / account.name).replace(file)
+            with HeldFolder.below(part, 'copy') as made:
+                os.replace(
+                    account.name,
+                    file.name,
+                    src_dir_fd=made.descriptor,
+                    dst_dir_fd=held.descriptor,
+                )
     account.name = file.name
     return account
 
@@ -204,9 +215,9 @@ def _copy(
 ) -> None:
     """Copy every message of a file that can be read, and count the rest."""
     known, indexed, told = _Known(), 0, -1
-    used, size = 0, file.stat().st_size
+    used, size = 0, size_of(file)
     try:
-        with file.open('rb') as packed, open_unpacked(file, packed) as stream:
+        with open_file(file) as packed, open_unpacked(file, packed) as stream:
             skip_magic = False
             while True:
                 reader = RecordReader(stream, skip_magic=skip_magic, indexes=True)
@@ -236,7 +247,7 @@ def _copy(
     found.lost += max(indexed, told - known.messages)
     if not known.ended:
         found.open_ends += 1
-        found.unread += file.stat().st_size - used
+        found.unread += size - used
 
 
 def _until_damage(reader: StreamReader) -> Iterator[McapRecord]:

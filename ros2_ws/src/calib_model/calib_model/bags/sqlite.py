@@ -5,17 +5,19 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
-import tempfile
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
+from typing import IO
 
 import zstandard
 
 from calib_model.bags.decompression import LARGEST_RECORD
-from calib_model.bags.files import ZSTD, begins_with, open_unpacked
+from calib_model.bags.files import ZSTD, begins_with, open_unpacked, size_of
 from calib_model.errors import BagError
+from calib_model.files import HeldFolder, is_there, open_file, reach, working_folder
 
+STEP = 1 << 20  # bytes that are copied at once
 Row = tuple[str, str, int, bytes, str]  # topic, type, time in ns, data, offered QoS
 
 
@@ -27,30 +29,36 @@ def sqlite_rows(file: Path, topics: set[str] | None) -> Iterator[Row]:
     """
     try:
         journals = journals_of(file)
-        if journals:
-            # a recorder that was stopped hard: SQLite puts the newest rows in their place as it
-            # opens the file, here a copy, so that the bag stays as it is
-            with tempfile.TemporaryDirectory(prefix='journaled-') as folder:
-                for one in (file, *journals):
-                    shutil.copyfile(one, Path(folder) / one.name)
-                yield from _rows(Path(folder) / file.name, topics, immutable=False)
-            return
-        if not begins_with(file, ZSTD):
+        packed = begins_with(file, ZSTD)
+        if not (journals or packed or reach() is not None):
             yield from _rows(file, topics)
             return
-        with tempfile.TemporaryDirectory(prefix='unpacked-') as folder:
-            plain = Path(folder) / file.stem
-            with open_unpacked(file) as packed, plain.open('wb') as unpacked:
-                shutil.copyfileobj(packed, unpacked)
-            yield from _rows(plain, topics)
+        # journals: a recorder was stopped hard, and SQLite puts the newest rows in their place as
+        # it opens the file. Here a copy, so that the bag stays as it is; and SQLite opens by name
+        with (
+            HeldFolder.temporary() as above,
+            working_folder(above, 'calib_sqlite', mode=0o700) as folder,
+        ):
+            plain = file.stem if packed else file.name
+            with open_unpacked(file) as content:
+                _copy(content, folder, plain)
+            for one in journals:
+                with open_file(one) as content:
+                    _copy(content, folder, one.name)
+            yield from _rows(folder.path / plain, topics, immutable=not journals)
     except (sqlite3.Error, zstandard.ZstdError) as error:
         raise BagError(f'{file}: not a bag, or damaged: {error}') from error
+
+
+def _copy(content: IO[bytes], folder: HeldFolder, name: str) -> None:
+    with folder.new_file(name) as copied:
+        shutil.copyfileobj(content, copied, STEP)
 
 
 def journals_of(file: Path) -> list[Path]:
     """The journals beside an SQLite file that hold rows which are not in it yet."""
     found = (file.with_name(f'{file.name}{end}') for end in ('-wal', '-journal'))
-    return [one for one in found if one.is_file() and one.stat().st_size > 0]
+    return [one for one in found if is_there(one) and size_of(one) > 0]
 
 
 def _rows(file: Path, topics: set[str] | None, immutable: bool = True) -> Iterator[Row]:

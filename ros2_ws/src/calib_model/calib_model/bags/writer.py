@@ -13,9 +13,10 @@ from typing import Any
 from mcap.writer import CompressionType, Writer
 
 from calib_model.bags import cdr
+from calib_model.bags.files import METADATA
 from calib_model.bags.metadata import Definition, FileAccount, metadata_yaml
 from calib_model.errors import BagError
-from calib_model.files import TAKEN, write_whole
+from calib_model.files import TAKEN, HeldFolder
 from calib_model.topics import Topic
 
 
@@ -45,9 +46,11 @@ class BagWriter:
         self._closed = self._listed = False
         self._safe = 0  # bytes that a flush has put on disk
         try:
-            if not self._earlier:
-                self.path.mkdir(parents=True)
-            self._stream = (self.path / self._account.name).open('wb')
+            self._folder = (
+                HeldFolder(self.path, writing=True) if self._earlier else HeldFolder.new(self.path)
+            )
+            self._folder.remove(self._account.name)
+            self._stream = self._folder.new_file(self._account.name)
         except FileExistsError:
             raise BagError(TAKEN.format(self.path)) from None
         except OSError as error:
@@ -121,6 +124,7 @@ class BagWriter:
                     self._write_metadata()
         finally:
             self._let_go()
+            self._folder.close()
         return self._account
 
     def _let_go(self) -> None:
@@ -130,8 +134,8 @@ class BagWriter:
             return
         with suppress(OSError):  # what is buffered still cannot be written
             self._stream.close()
-        with suppress(OSError):
-            os.truncate(self.path / self._account.name, self._safe)
+        with suppress(OSError), self._folder.open_to_change(self._account.name) as stream:
+            stream.truncate(self._safe)
 
     def __enter__(self) -> BagWriter:
         return self
@@ -146,7 +150,8 @@ class BagWriter:
 
     def _write_metadata(self) -> None:
         self._listed = True
-        write_whole(self.path / 'metadata.yaml', metadata_yaml((*self._earlier, self._account)))
+        text = metadata_yaml((*self._earlier, self._account))
+        self._folder.write_together({METADATA: text.encode()})
 
 
 class _Disk:

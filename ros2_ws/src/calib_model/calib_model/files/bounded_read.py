@@ -6,6 +6,8 @@ from __future__ import annotations
 import errno
 from pathlib import Path
 
+from calib_model.files.held_folder import open_file
+
 LARGEST_FILE = 256 * 1024 * 1024  # bytes: a table of a million rows has half of that
 
 
@@ -13,17 +15,12 @@ def file_content(path: str | Path, largest: int = LARGEST_FILE) -> bytes:
     """The bytes of a file.
 
     Raises:
-        OSError: it cannot be read, is no file (a folder, a device, a pipe that nobody writes to),
-            or has more than `largest` bytes; `strerror` says which.
+        OSError: it cannot be read, is no file (a folder, a device, a pipe), or has more than
+            `largest` bytes; `strerror` says which.
+        NotPermittedError: it leads out of the folders that this thread is confined to.
     """
-    path = Path(path)
-    try:
-        if path.exists() and not path.is_dir() and not path.is_file():
-            raise OSError(errno.EINVAL, 'not a regular file')
-        with path.open('rb') as stream:
-            content = stream.read(largest + 1)
-    except ValueError as error:  # a zero byte in its name
-        raise OSError(errno.EINVAL, 'no name of a file') from error
+    with open_file(path) as stream:
+        content = stream.read(largest + 1)
     if len(content) > largest:
         raise OSError(errno.EFBIG, f'larger than {largest} bytes')
     return content

@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 import fcntl
-import os
 from pathlib import Path
 from types import TracebackType
+
+from calib_model.files.held_folder import HeldFolder
 
 
 class FolderLock:
@@ -15,9 +16,16 @@ class FolderLock:
     Where the file system knows no locks, everybody gets it.
     """
 
-    def __init__(self, folder: str | Path) -> None:
-        self._folder = Path(folder)
-        self._held = -1
+    def __init__(self, folder: str | Path, writing: bool = False) -> None:
+        self._path = Path(folder)
+        self._writing = writing
+        self._held: HeldFolder | None = None
+
+    @property
+    def folder(self) -> HeldFolder:
+        """The folder, from `take` to `release`."""
+        assert self._held is not None
+        return self._held
 
     def take(self, wait: bool = False) -> bool:
         """Whether the folder is ours now; False: somebody else holds it, and we did not `wait`.
@@ -25,23 +33,26 @@ class FolderLock:
         Raises:
             OSError: there is no such folder, or it cannot be opened.
         """
-        held = os.open(self._folder, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            fcntl.flock(held, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-        except BlockingIOError:
-            os.close(held)
-            return False
-        except OSError:  # a file system without locks
-            os.close(held)
-            return True
+        while True:
+            held = HeldFolder(self._path, self._writing)
+            try:
+                fcntl.flock(held.descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+            except BlockingIOError:
+                held.close()
+                return False
+            except OSError:  # a file system without locks
+                break
+            if held.current:
+                break
+            held.close()  # while we waited another folder took its name
         self._held = held
         return True
 
     def release(self) -> None:
         """Let others have it; further calls do nothing."""
-        if self._held >= 0:
-            os.close(self._held)
-            self._held = -1
+        if self._held is not None:
+            self._held.close()
+            self._held = None
 
     def __enter__(self) -> FolderLock:
         self.take(wait=True)

@@ -10,10 +10,13 @@ from pathlib import Path
 
 from calib_model.errors import CalibrationError
 from calib_model.files.bounded_read import file_content
+from calib_model.files.held_folder import is_there
 
 RECORD = 'result.json'
 #: files that a result may lack, and that are of another one where it does not list them
 OPTIONAL = ('correction.yaml', 'robot.urdf')
+#: all names that a result's files may have; users keep others beside them
+RESULT_FILES = (RECORD, 'arm.yaml', 'probe.yaml', 'arm.urdf', 'report.html', *OPTIONAL)
 
 
 def file_hashes(contents: Mapping[str, bytes]) -> dict[str, str]:
@@ -53,7 +56,7 @@ def refuse_mixture(folder: str | Path) -> None:
                 'the folder holds parts of two calibrations'
             )
     for name in OPTIONAL:
-        if name not in listed and (folder / name).exists():
+        if name not in listed and is_there(folder / name):
             raise CalibrationError(
                 f'{folder / name}: of another calibration, {RECORD} beside it has none'
             )

@@ -22,7 +22,7 @@ from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification, identify
 from calib_solver.problem import threads
 from calib_solver.quality import Quality
-from calib_solver.results import Record, result_record, write_results
+from calib_solver.results import Record, refuse_no_place, result_record, write_results
 
 ROUNDS = 3  # identifications at most until the numbers of a raw bag's spheres stay the same
 
@@ -85,6 +85,8 @@ def calibrate(
         CalibrationError: anything that keeps it from being done; nothing is written then.
     """
     effort = effort or Effort()
+    if output:
+        refuse_no_place(output)
     own = _own_urdf(urdf, output)
     unseen = load_all(replace(sources, bags=tuple(test)), effort.reading) if test else None
     loaded = load_all(sources, effort.reading)

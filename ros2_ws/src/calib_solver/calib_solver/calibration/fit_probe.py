@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
 from calib_model.descriptions import probe_yaml
 from calib_model.errors import CalibrationError
-from calib_model.files import write_whole
+from calib_model.files import HeldFolder, encoded, is_there
 from calib_solver.calibration.sources import Sources, load
 from calib_solver.fitting import fit_probe, with_the_arms_share
 from calib_solver.problem import Problem
@@ -33,8 +32,7 @@ def fit_probe_from(sources: Sources, output: str = '') -> Fitted:
         CalibrationError: the bag cannot be used, the readings leave P undetermined, or the file
             cannot be written.
     """
-    # os.path: a name that no file can have is refused below
-    if output and os.path.exists(os.path.join(output, 'result.json')):
+    if output and is_there(Path(output) / 'result.json', writing=True):
         raise CalibrationError(
             f'{output}: holds what identify wrote, and its probe.yaml: name another folder'
         )
@@ -52,8 +50,8 @@ def fit_probe_from(sources: Sources, output: str = '') -> Fitted:
     if output:
         path = Path(output) / 'probe.yaml'
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(path, probe_yaml(probe))
+            with HeldFolder(output, make=True) as folder:
+                folder.write_together({path.name: encoded(probe_yaml(probe))})
         except OSError as error:
             raise CalibrationError(f'{output}: cannot be written: {error.strerror}') from error
         written = (path,)

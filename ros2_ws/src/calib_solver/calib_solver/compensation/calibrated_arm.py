@@ -10,7 +10,7 @@ from pathlib import Path
 from calib_model.arrays import Array
 from calib_model.descriptions import parse_arm, parse_correction, parse_probe, read_description
 from calib_model.errors import CalibrationError, DataError
-from calib_model.files import file_content, refuse_mixture
+from calib_model.files import file_content, is_there, refuse_mixture
 from calib_model.instruments import Arm, PassiveProbe, Probe
 from calib_model.kinematics import Correction, ParameterTable, tool_motion
 from calib_model.transforms import RigidTransform
@@ -61,7 +61,7 @@ def read_calibrated(folder: str | Path) -> Calibrated:
         raise CalibrationError(f'{path}: not what identify writes: {error}') from error
     nominal, nominal_probe = table.apply(full, arm, probe)
     correction = None
-    if (folder / 'correction.yaml').exists():
+    if is_there(folder / 'correction.yaml'):
         correction = read_description(folder / 'correction.yaml', parse_correction).checked(arm)
     return Calibrated(nominal, arm, tip(nominal_probe), tip(probe), correction)
 

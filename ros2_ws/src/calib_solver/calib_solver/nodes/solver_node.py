@@ -22,7 +22,13 @@ from calib_model.bags import Temperature
 from calib_model.bounds import TEMPERATURE
 from calib_model.command_line import run_command
 from calib_model.errors import CalibrationError
-from calib_model.files import Folders, NotPermittedError, usual_reading, usual_writing
+from calib_model.files import (
+    Folders,
+    NotPermittedError,
+    confined,
+    usual_reading,
+    usual_writing,
+)
 from calib_model.labelling import RawSettings
 from calib_model.nodes import NodeCommand, Parameters, qos_of, run_node
 from calib_model.topics import SOLVER_MARKERS, RawTopics
@@ -131,7 +137,8 @@ class SolverNode(Node):
 
         def answer(request: Any, response: Any) -> Any:
             try:
-                work(request, response)
+                with confined(self._opened.reading, self._opened.writing):
+                    work(request, response)
             except CalibrationError as error:
                 refusal = type(response)()
                 refusal.success, refusal.message = False, str(error)

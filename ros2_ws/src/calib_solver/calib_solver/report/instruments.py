@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from calib_model.bags import bag_files
+from calib_model.files import open_file
 from calib_model.instruments import Gauge, PassiveProbe, Probe
 from calib_model.measurement import ProbingSet
 from calib_solver.held_out import HeldOut
@@ -146,7 +147,7 @@ def inputs(given: Inputs) -> str:
 
 def _sha256(path: Path) -> str:
     digest = hashlib.sha256()
-    with path.open('rb') as stream:
+    with open_file(path) as stream:
         while block := stream.read(1 << 20):
             digest.update(block)
     return digest.hexdigest()

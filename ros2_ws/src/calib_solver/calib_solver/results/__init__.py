@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     )
     from calib_solver.results.files import (
         probe_fit_record as probe_fit_record,
+        refuse_no_place as refuse_no_place,
         result_record as result_record,
         transform_record as transform_record,
         write_results as write_results,

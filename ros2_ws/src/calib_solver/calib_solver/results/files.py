@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from calib_model import urdf
 from calib_model.descriptions import arm_yaml, correction_yaml, probe_yaml
 from calib_model.errors import CalibrationError
-from calib_model.files import OPTIONAL, FolderLock, file_hashes, write_together
+from calib_model.files import RESULT_FILES, encoded, file_hashes, refuse_unwritable, replace_set
 from calib_model.kinematics import KINDS
 from calib_model.transforms import RigidTransform
 from calib_solver.fitting import ProbeFit
@@ -99,6 +99,18 @@ def probe_fit_record(fit: ProbeFit) -> Record:
     }
 
 
+def refuse_no_place(folder: str | Path) -> None:
+    """Nothing, when results could be written to `folder` now: known before the work.
+
+    Raises:
+        CalibrationError: it is a file, may not be written, or a folder has a result's name there.
+    """
+    try:
+        refuse_unwritable(folder, RESULT_FILES)
+    except OSError as error:
+        raise CalibrationError(f'{folder}: results cannot be written: {error.strerror}') from error
+
+
 def write_results(
     folder: str | Path,
     done: Identification,
@@ -109,10 +121,9 @@ def write_results(
     """Write `result.json`, `arm.yaml`, `probe.yaml`, `arm.urdf`, `report.html`, and
     `correction.yaml` where there is something beyond the D-H parameters.
 
-    Each is written whole or not at all, and none before all are on disk; `files` of the record says
-    what belongs together. `more` are further files of the result; `report` is the page's
-    text. A correction or a corrected URDF that an earlier run left there is taken away: it belongs
-    to another arm.yaml.
+    They take the place of an earlier result's files in one step, and those that this one has not
+    are taken away; `files` of the record says what belongs together. `more` are further files of
+    the result; `report` is the page's text.
 
     Raises:
         CalibrationError: the folder or a file in it cannot be written.
@@ -126,19 +137,12 @@ def write_results(
     }
     if done.correction is not None:
         texts['correction.yaml'] = correction_yaml(done.correction)
-    contents = {
-        name: text.encode('utf-8', 'backslashreplace') for name, text in texts.items()
-    } | dict(more or {})
+    contents = {name: encoded(text) for name, text in texts.items()} | dict(more or {})
     listed = {**record, 'files': file_hashes(contents)}
     text = json.dumps(listed, indent=1, allow_nan=False) + '\n'
     contents['result.json'] = text.encode('utf-8')
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with FolderLock(folder):  # where two write at once, all files are of one or of the other
-            write_together(folder, contents)
-            # of an earlier run, and of another arm.yaml
-            for name in set(OPTIONAL) - set(contents):
-                (folder / name).unlink(missing_ok=True)
+        replace_set(folder, contents, RESULT_FILES)
     except OSError as error:
         raise CalibrationError(f'{folder}: results cannot be written: {error.strerror}') from error
     return [folder / name for name in contents]

@@ -243,6 +243,17 @@ def test_a_disk_that_fills_up_leaves_every_file_as_it_was(
     assert {(tmp_path / name).read_text() for name in FILES} == {'before'}
 
 
+@pytest.mark.parametrize('name', ['', 'report.html', 'robot.urdf'])
+def test_a_place_that_cannot_be_written_is_told_before_the_work(tmp_path, name):
+    place = tmp_path / 'out'
+    if name:
+        (place / name).mkdir(parents=True)
+    else:
+        place.write_text('mine')
+    with pytest.raises(CalibrationError, match=f'^{place}: results cannot be written: '):
+        calibrate(Sources(('/no/bag',)), Options(), output=str(place))
+
+
 def test_nothing_is_written_when_the_held_out_bag_cannot_be_read(bags, tmp_path):
     output = tmp_path / 'out'
     with pytest.raises(CalibrationError, match='no such bag'):

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import sys
-import tempfile
 import time
 from argparse import Namespace
 from collections.abc import Sequence
@@ -150,16 +149,13 @@ def write(out: Path, measured: Measurement, hand: operator.HandGuided | None) ->
         BagError: there is something at `out` already, or it cannot be written.
     """
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        # made beside its place and moved there, so that a failure leaves nothing behind
-        with tempfile.TemporaryDirectory(prefix='.hand_guided-', dir=out.parent) as part:
+        with files.made_whole(out) as part:
             if hand is None:
-                bags.write_measurement(Path(part) / out.name, measured)
+                bags.write_measurement(part, measured)
             else:
                 told = _Told('seatings')
-                operator.write_raw(Path(part) / out.name, measured, hand, told)
+                operator.write_raw(part, measured, hand, told)
                 told.end()
-            (Path(part) / out.name).rename(out)
     except OSError as error:
         raise BagError(f'{out}: cannot be written: {error.strerror}') from error
 
