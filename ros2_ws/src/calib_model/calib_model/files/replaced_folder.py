@@ -8,7 +8,6 @@ a folder `.NAME.PID-THREAD.part`, the next writer removes.
 
 from __future__ import annotations
 
-import errno
 import fcntl
 import os
 import shutil
@@ -90,7 +89,7 @@ def refuse_unwritable(path: str | Path, known: Collection[str]) -> None:
     """Nothing, when `replace_set` could write there now: to be asked before long work.
 
     Raises:
-        OSError: it could not; nothing was made or changed.
+        OSError: it could not; nothing was changed.
         NotPermittedError: it leads out of the folders that this thread is confined to.
     """
     path = Path(os.path.realpath(path))
@@ -98,8 +97,9 @@ def refuse_unwritable(path: str | Path, known: Collection[str]) -> None:
     while not is_there(above, writing=True) and above != above.parent:
         above = above.parent
     with HeldFolder(above, writing=True) as held:
-        if not os.access('.', os.W_OK | os.X_OK, dir_fd=held.descriptor):
-            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        trial = part_name(path.name)
+        held.put(b'', trial).close()  # the disk itself says what is in the way
+        held.remove(trial)
         if above == path:
             for name in known:
                 held.refuse_other_than_a_file(name)
