@@ -283,7 +283,11 @@ def test_a_folder_that_cannot_be_written_is_named(
 
 
 PATHS = {
-    'an output that is a file': ('identify', '{taken}', 'results cannot be written: File exists'),
+    'an output that is a file': (
+        'identify',
+        '{taken}',
+        'results cannot be written: Not a directory',
+    ),
     'a parent that is a file': (
         'identify',
         '{taken}/a',
@@ -293,7 +297,11 @@ PATHS = {
     'a name no file can have': ('identify', '{taken}' + 'a' * 300, 'File name too long'),
     'a bag on top of a file': ('recover', '{taken}', 'exists already'),
     'a bag on top of a broken link': ('recover', '{broken}', 'exists already'),
-    'a bag below a file': ('recover', '{taken}/bag', 'taken/bag: cannot be written: File exists'),
+    'a bag below a file': (
+        'recover',
+        '{taken}/bag',
+        'taken/bag: cannot be written: Not a directory',
+    ),
 }
 
 

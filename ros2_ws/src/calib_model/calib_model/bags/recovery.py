@@ -43,6 +43,7 @@ from calib_model.files import (
     made_whole,
     open_file,
     refuse_taken,
+    remove_dead_folders,
     working_folder,
 )
 from calib_model.progress import Pace, Progress
@@ -142,6 +143,11 @@ def _repaired_in(held: HeldFolder, told: Callable[[str], None]) -> list[FileAcco
     files = files_in(held.path)
     if not files and not held.has(METADATA):
         raise BagError(f'{held.path}: no such bag')
+    held.remove_dead_parts((METADATA,))
+    remove_dead_folders(held, 'repair')
+    for name in held.names():
+        if name.startswith('.repair-'):  # of 0.1.0
+            held.remove_tree(name)
     accounts = []
     for file in files:
         account = _repaired(held, file, told)

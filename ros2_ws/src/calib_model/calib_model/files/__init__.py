@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from calib_model.files.replaced_folder import (
         made_whole as made_whole,
         refuse_unwritable as refuse_unwritable,
+        remove_dead_folders as remove_dead_folders,
         replace_set as replace_set,
         working_folder as working_folder,
     )

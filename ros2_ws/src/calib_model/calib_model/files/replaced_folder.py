@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import shutil
 import stat
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -51,17 +50,22 @@ def working_folder(
     Raises:
         OSError: it cannot be made.
     """
-    for entry in above.names():
-        if whole_name(entry) == name:
-            with suppress(OSError):  # in use, or another user's
-                _remove_if_dead(above, entry, name, known)
+    remove_dead_folders(above, name, known)
     part = _new_part(above, part_name(name), mode)
     try:
         yield part
     finally:
         if _leads_to(above, part.path.name, part):
-            _remove_tree(above, part.path.name)
+            above.remove_tree(part.path.name)
         part.close()
+
+
+def remove_dead_folders(above: HeldFolder, name: str, known: Collection[str] = ()) -> None:
+    """Take away the working folders of `name` that nobody holds any more."""
+    for entry in above.names():
+        if whole_name(entry) == name:
+            with suppress(OSError):  # in use, or another user's
+                _remove_if_dead(above, entry, name, known)
 
 
 def _new_part(above: HeldFolder, entry: str, mode: int) -> HeldFolder:
@@ -230,9 +234,4 @@ def _remove_if_dead(above: HeldFolder, entry: str, name: str, known: Collection[
                 _retire(dead, current, known)
             os.rmdir(entry, dir_fd=above.descriptor)
         else:
-            _remove_tree(above, entry)
-
-
-def _remove_tree(above: HeldFolder, entry: str) -> None:
-    # no dir_fd before Python 3.11; what is below is gone through by descriptors
-    shutil.rmtree(f'/proc/self/fd/{above.descriptor}/{entry}')
+            above.remove_tree(entry)
