@@ -216,6 +216,19 @@ class HeldFolder:
             for stream in open_parts:
                 stream.close()
 
+    def refuse_unwritable(self) -> None:
+        """Nothing, when files can be made here, as far as the file system can be asked: by one
+        without a name, that a kill does not leave behind.
+
+        Raises:
+            OSError: says why not.
+        """
+        try:
+            os.close(os.open('.', os.O_TMPFILE | os.O_WRONLY, 0o600, dir_fd=self.descriptor))
+        except OSError as error:
+            if error.errno not in (errno.EOPNOTSUPP, errno.EISDIR, errno.EINVAL):
+                raise
+
     def refuse_other_than_a_file(self, name: str) -> None:
         """A new file takes the place of what has its name: for root that could be /dev/null itself.
 

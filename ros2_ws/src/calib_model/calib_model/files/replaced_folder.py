@@ -93,7 +93,7 @@ def refuse_unwritable(path: str | Path, known: Collection[str]) -> None:
     """Nothing, when `replace_set` could write there now: to be asked before long work.
 
     Raises:
-        OSError: it could not; nothing was changed.
+        OSError: it could not; nothing was made or changed.
         NotPermittedError: it leads out of the folders that this thread is confined to.
     """
     path = Path(os.path.realpath(path))
@@ -101,9 +101,7 @@ def refuse_unwritable(path: str | Path, known: Collection[str]) -> None:
     while not is_there(above, writing=True) and above != above.parent:
         above = above.parent
     with HeldFolder(above, writing=True) as held:
-        trial = part_name(path.name)
-        held.put(b'', trial).close()  # the disk itself says what is in the way
-        held.remove(trial)
+        held.refuse_unwritable()
         if above == path:
             for name in known:
                 held.refuse_other_than_a_file(name)

@@ -21,8 +21,7 @@ NEW = {'a.yaml': b'new a', 'b.json': b'new b'}
 KILLER = """
 import json, os, signal, sys
 from pathlib import Path
-from calib_model.files import made_whole, replace_set
-from calib_model.files.replaced_folder import _exchange
+from calib_model.files import refuse_unwritable, replace_set
 root, shape = Path(sys.argv[1]), sys.argv[2]
 OLD, NEW, KNOWN = json.loads(sys.argv[3])
 encoded = lambda texts: {name: text.encode() for name, text in texts.items()}
@@ -40,6 +39,7 @@ def killed_at(moment, place):
         if left < 0:
             os.kill(os.getpid(), signal.SIGKILL)
     sys.addaudithook(count)
+    refuse_unwritable(place, KNOWN)
     replace_set(place, encoded(NEW), KNOWN)
     os._exit(0)
 
