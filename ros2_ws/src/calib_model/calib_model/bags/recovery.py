@@ -196,6 +196,7 @@ def _files_of(bad: Path) -> list[Path]:
         if not files:
             raise
     for file in files:
+        size_of(file)  # names a pipe
         if is_sqlite(file):
             raise BagError(f'{file}: only MCAP files are recovered')
     return files

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What comes back of a bag that was cut or damaged: every complete chunk, and a true account."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -164,6 +165,25 @@ def test_a_bag_killed_before_its_first_chunk_makes_way_for_a_new_one(
     assert not bad.exists()
     with pytest.raises(BagError, match='no such bag'):
         repair(bad)
+
+
+@pytest.mark.parametrize('name', ['bag_0.mcap', 'bag_1.mcap', 'metadata.yaml'])
+def test_a_pipe_among_the_files_is_named_and_not_waited_for(
+    name: str, whole: Path, tmp_path: Path
+) -> None:
+    bad = tmp_path / 'bad'
+    bad.mkdir()
+    if name != 'bag_0.mcap':
+        (bad / 'bag_0.mcap').write_bytes((whole / 'bag_0.mcap').read_bytes())
+    os.mkfifo(bad / name)
+    for use in (lambda: recover(bad, tmp_path / 'out'), lambda: list(read_messages(bad))):
+        try:
+            use()
+        except BagError as error:
+            assert f'{bad / name}: ' in str(error)
+        else:  # what metadata.yaml would have said the files say themselves
+            assert name == 'metadata.yaml'
+    assert name == 'metadata.yaml' or not (tmp_path / 'out').exists()
 
 
 def test_a_file_that_held_something_is_never_taken_away(whole: Path, tmp_path: Path) -> None:
