@@ -17,6 +17,7 @@ import scipy
 
 from benchmarks.command import whole_command
 from benchmarks.graph import stepped_capture, streams
+from benchmarks.identification import whole_identification
 from benchmarks.kernel import against_numpy
 from benchmarks.measuring import Part, table
 from benchmarks.pairing import hand_guided_recording
@@ -56,6 +57,7 @@ PARTS: dict[str, Callable[[Given], Part]] = {
     'scipy': lambda given: against_scipy(given.poses, min(given.rounds, FEW_ROUNDS)),
     'pybotics': lambda given: against_pybotics(given.poses, min(given.rounds, FEW_ROUNDS)),
     'kernel': lambda given: against_numpy(given.poses, given.rounds),
+    'identify': lambda given: whole_identification(given.poses, given.rounds),
     'scale': lambda given: scale(tuple(given.sizes), min(given.rounds, FEW_ROUNDS - 2)),
     'command': lambda given: whole_command(given.poses, min(given.rounds, FEW_ROUNDS)),
     'pairing': lambda given: hand_guided_recording(min(given.rounds, FEW_ROUNDS)),

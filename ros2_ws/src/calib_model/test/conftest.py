@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from calib_model.descriptions import parse_arm, parse_gauge, parse_probe, read_description
-from calib_model.instruments import ActiveProbe, Arm, Gauge, Joint
+from calib_model.instruments import PRISMATIC, ActiveProbe, Arm, Coupling, Gauge, Joint
 from calib_model.measurement import Measurement, ProbingSet
 from calib_model.transforms import RigidTransform
 
@@ -40,13 +41,16 @@ def gauge(config: Path) -> Gauge:
 
 @pytest.fixture(scope='session')
 def odd_arm() -> Arm:
-    """Five joints that use everything: beta, directions, offsets, nothing at a right angle, and a
-    D-H chain that begins off the base and ends off the flange."""
+    """Five joints that use everything: beta, directions, offsets, nothing at a right angle, one
+    that slides and one that moves with another, and a D-H chain that begins off the base and ends
+    off the flange."""
     rng = np.random.default_rng(5)
     joints = []
     for i in range(5):
         a, alpha, d, theta_0, beta = rng.uniform(-1, 1, 5)
         joints.append(Joint(f'j{i}', a, alpha, d, theta_0, beta, (1, -1, -1, 1, -1)[i]))
+    joints[2] = replace(joints[2], type=PRISMATIC)
+    joints[4] = replace(joints[4], coupling=Coupling('j1', -0.7))
     placed = [RigidTransform(*rng.uniform(-1, 1, (2, 3))) for _ in range(2)]
     return Arm('odd', tuple(joints), 'base_link', 'tool0', *placed)
 

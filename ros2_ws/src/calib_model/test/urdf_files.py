@@ -41,7 +41,7 @@ def joint_text(
 
 
 def random_urdf(rng: np.random.Generator, joints: int) -> str:
-    """A chain of turning and fixed joints anyhow, parallel and crossing axes among them."""
+    """A chain of moving and fixed joints anyhow, parallel and crossing axes among them."""
     right = np.pi / 2
     text, links = '', ['base']
     for _ in range(joints):
@@ -62,7 +62,7 @@ def random_urdf(rng: np.random.Generator, joints: int) -> str:
             )
             inside = ''
             if kind == 'turning':
-                kind = rng.choice(['revolute', 'continuous'])
+                kind = rng.choice(['revolute', 'continuous', 'prismatic'])
                 inside = (
                     f'    <axis xyz="{" ".join(map(repr, map(float, axis)))}"/>\n'
                     '    <limit lower="-3" upper="3" velocity="2" effort="1"/>\n'

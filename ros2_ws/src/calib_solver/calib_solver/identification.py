@@ -61,7 +61,7 @@ from calib_solver.fitting import (
 )
 from calib_solver.left_out import LeftOut, judge_left_out, left_out_warnings
 from calib_solver.preparation import Prepared, checked_options, prepare
-from calib_solver.problem import Problem, SphereSums, accumulate
+from calib_solver.problem import Folds, Problem, SphereSums, accumulate
 from calib_solver.quality import Quality, assess
 
 #: a prior that was given is in the way where without it they lie this part of that apart
@@ -152,9 +152,10 @@ class Identification:
 
 @dataclass(frozen=True)
 class _Solved:
-    """The fit and the sums there, by which solver, and what was chosen for it."""
+    """The fit and the sums there, by which solver, and what was chosen for it by which folds."""
 
     solver: Solver
+    folds: Folds
     fit: Fit
     sums: SphereSums
     least_noise: float
@@ -193,9 +194,10 @@ def _solved(prepared: Prepared) -> _Solved:
     problem = prepared.problem
     fit, descent = prepared.solver.solve(problem, prepared.descent)
     solver = prepared.solver.with_widths(descent)
+    folds = Folds(problem)
     errors: JointErrorChoice | None = None
     if solver.options.joint_errors:
-        errors = choose_joint_errors(problem, solver, fit)
+        errors = choose_joint_errors(folds, solver, fit)
         if errors.accepted:
             table = table_with(solver.table, problem, errors.accepted, solver.options.links)
             solver, descent = solver.widened(table, descent)
@@ -203,7 +205,7 @@ def _solved(prepared: Prepared) -> _Solved:
             solver = solver.with_widths(descent)
     fit = solver.whole(problem, fit, descent)
     sums = solver.sums(problem, fit.x)
-    return _Solved(solver, fit, sums, descent.least_noise, errors)
+    return _Solved(solver, folds, fit, sums, descent.least_noise, errors)
 
 
 def _judged(prepared: Prepared, solved: _Solved) -> Identification:
@@ -223,7 +225,7 @@ def _judged(prepared: Prepared, solved: _Solved) -> Identification:
         options.prior.strength,
         solver.wider(fit),
     )
-    left_out = None if options.quick else judge_left_out(problem, solver, fit, solved.sums)
+    left_out = None if options.quick else judge_left_out(solved.folds, solver, fit, solved.sums)
     if left_out is not None:
         # what was left out was missed by more than was stated: so will be what was never probed
         grown = uncertainty.covariance * left_out.factor**2

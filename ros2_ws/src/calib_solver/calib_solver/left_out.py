@@ -26,13 +26,12 @@ from calib_solver.fitting import (
     linear_step,
 )
 from calib_solver.problem import (
+    Folds,
     IntArray,
     Problem,
     SphereSums,
-    location_folds,
     merged_sums,
     take_groups,
-    without,
 )
 
 #: regions of postures that a single location is cut into, none with fewer poses than this
@@ -90,16 +89,20 @@ class _Errors:
     spread: float = 0.0
 
 
-def judge_left_out(problem: Problem, solver: Solver, fit: Fit, sums: SphereSums) -> LeftOut | None:
+def judge_left_out(
+    of_locations: Folds, solver: Solver, fit: Fit, sums: SphereSums
+) -> LeftOut | None:
     """Every part of a problem as the rest of it predicts it; None where it has no parts.
 
-    `fit` is the solver's minimum and `sums` those there.
+    `of_locations` are the problem's folds, taken where it has several; `fit` is the solver's
+    minimum and `sums` those there.
     """
+    problem = of_locations.problem
     if len(fit.x) == 0:
         return None
     by = 'location' if len(problem.locations) > 1 else 'posture'
     finer, of_finer, folds = (
-        (problem, sums, _locations(problem, sums))
+        (problem, sums, _locations(of_locations, sums))
         if by == 'location'
         else _postures(problem, solver, fit)
     )
@@ -151,12 +154,12 @@ def left_out_warnings(left_out: LeftOut | None, named: bool) -> tuple[str, ...]:
     )
 
 
-def _locations(problem: Problem, sums: SphereSums) -> list[_Fold]:
+def _locations(of_locations: Folds, sums: SphereSums) -> list[_Fold]:
     """Each gauge location left out, or several at a time."""
-    folds = []
-    for rows in location_folds(problem):
-        own = np.flatnonzero(np.isin(problem.pairs, rows).any(axis=1))
-        folds.append(_Fold(*without(problem, sums, rows), rows, own))
+    folds, pairs = [], of_locations.problem.pairs
+    for rows, kept in zip(of_locations.rows, of_locations.without(sums), strict=True):
+        own = np.flatnonzero(np.isin(pairs, rows).any(axis=1))
+        folds.append(_Fold(*kept, rows, own))
     return folds
 
 

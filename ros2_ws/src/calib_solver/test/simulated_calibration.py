@@ -8,7 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib_model.arrays import Array
-from calib_model.instruments import Arm, Gauge, Joint, PassiveProbe, Probe, trihedron
+from calib_model.instruments import (
+    PRISMATIC,
+    Arm,
+    Coupling,
+    Gauge,
+    Joint,
+    PassiveProbe,
+    Probe,
+    trihedron,
+)
 from calib_model.kinematics import point_derivatives, points
 from calib_model.measurement import Measurement, ProbingSet
 from calib_model.transforms import RigidTransform, nearest_rotation, rotation_matrix
@@ -99,6 +108,18 @@ def random_arm(generator: np.random.Generator) -> Arm:
         for _ in range(6)
     ]
     return arm_of('anyhow', rows)
+
+
+def on_a_rail() -> Arm:
+    """A KR 5 on a linear axis along the base's x, its third axis counted from the horizontal."""
+    arm = kr5()
+    rail = Joint('rail', 0.1, -QUARTER, 0.0, 0.0, type=PRISMATIC)
+    joints = [rail, *arm.joints]
+    # the rail's z lies along x, and the way from it to axis 1 goes up
+    joints[1] = replace(joints[1], theta_0=0.3)
+    joints[3] = replace(joints[3], coupling=Coupling('joint_a2', 1.0))
+    base = RigidTransform(np.array([0.1, -0.2, 0.05]), np.array([0.0, QUARTER, 0.0]))
+    return replace(arm, name='on_a_rail', joints=tuple(joints), base_T_dh=base)
 
 
 def passive() -> PassiveProbe:

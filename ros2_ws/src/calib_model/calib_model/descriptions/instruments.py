@@ -10,13 +10,20 @@ from typing import Any, TypeVar
 import numpy as np
 import yaml
 
-from calib_model.errors import DescriptionError
+from calib_model.descriptions.modified_dh import classic_of_modified
+from calib_model.errors import DataError, DescriptionError
 from calib_model.files import LARGEST_TEXT, Fields, file_content, load_mapping
 from calib_model.instruments import (
+    CLASSIC,
+    CONVENTIONS,
+    JOINT_TYPES,
+    MODIFIED,
+    REVOLUTE,
     STYLI,
     ActiveProbe,
     Arm,
     ControllerAxis,
+    Coupling,
     Expansion,
     Gauge,
     Joint,
@@ -41,6 +48,8 @@ JOINT_KEYS = (
     'acceleration',
     'jerk',
     'controller',
+    'type',
+    'coupling',
 )
 TRANSFORM_KEYS = ('translation', 'rotation_vector')
 LARGEST_BYTES = 4 * LARGEST_TEXT  # of a file, whatever the characters
@@ -70,7 +79,7 @@ def parse_arm(text: str, source: str = 'arm description') -> Arm:
     Raises:
         DescriptionError: a key is missing, unknown, or has a value of the wrong kind.
     """
-    keys = ('name', 'base_frame', 'flange_frame', 'joints', *ARM_TRANSFORMS)
+    keys = ('name', 'base_frame', 'flange_frame', 'convention', 'joints', *ARM_TRANSFORMS)
     top = load_mapping(text, source, keys)
     rows = top.rows('joints', JOINT_KEYS)
     if len(rows) > MOST_JOINTS:
@@ -80,13 +89,26 @@ def parse_arm(text: str, source: str = 'arm description') -> Arm:
     for name in names:
         if names.count(name) > 1:
             raise DescriptionError(source, 'joints', f'two joints are called {name!r}')
-    return Arm(
-        top.text('name'),
-        joints,
-        top.text('base_frame', 'base_link'),
-        top.text('flange_frame', 'tool0'),
-        *(_transform(top, key) if key in top else RigidTransform() for key in ARM_TRANSFORMS),
+    base, flange, controller = (
+        _transform(top, key) if key in top else RigidTransform() for key in ARM_TRANSFORMS
     )
+    convention, described_in = _convention(top, 'convention'), _convention(top, 'described_in')
+    if convention == MODIFIED:
+        joints, base = classic_of_modified(joints, base)
+        described_in = MODIFIED
+    frames = top.text('base_frame', 'base_link'), top.text('flange_frame', 'tool0')
+    try:
+        return Arm(top.text('name'), joints, *frames, base, flange, controller, described_in)
+    except DataError as error:  # joints that are not coupled as joints can be
+        raise DescriptionError(source, 'joints', str(error)) from error
+
+
+def _convention(top: Fields, key: str) -> str:
+    """Classic parameters are turned about z first, modified ones (Craig's) about x."""
+    convention = top.text(key, CLASSIC)
+    if convention not in CONVENTIONS:
+        raise top.refuse(key, f'expected {" or ".join(CONVENTIONS)}, got {convention[:40]!r}')
+    return convention
 
 
 def _transform(top: Fields, key: str) -> RigidTransform:
@@ -108,6 +130,20 @@ def _controller(row: Fields) -> ControllerAxis | None:
         return None
     axis = row.mapping('controller', ('axis', 'direction', 'zero'))
     return ControllerAxis(axis.text('axis'), _direction(axis), axis.number('zero', 0.0))
+
+
+def _type(row: Fields) -> str:
+    kind = row.text('type', REVOLUTE)
+    if kind not in JOINT_TYPES:
+        raise row.refuse('type', f'expected {" or ".join(JOINT_TYPES)}, got {kind[:40]!r}')
+    return kind
+
+
+def _coupling(row: Fields) -> Coupling | None:
+    if 'coupling' not in row:
+        return None
+    other = row.mapping('coupling', ('joint', 'factor'))
+    return Coupling(other.text('joint'), other.number('factor', 1.0))
 
 
 def _joint(row: Fields) -> Joint:
@@ -132,6 +168,8 @@ def _joint(row: Fields) -> Joint:
         _controller(row),
         _above_zero(row, 'acceleration'),
         _above_zero(row, 'jerk'),
+        _type(row),
+        _coupling(row),
     )
 
 
@@ -235,6 +273,10 @@ def arm_yaml(arm: Arm) -> str:
         row: dict[str, Any] = {'name': joint.name}
         row |= {key: getattr(joint, key) for key in ('a', 'alpha', 'd', 'theta_0')}
         row |= {'beta': joint.beta, 'direction': joint.direction}
+        if joint.prismatic:
+            row['type'] = joint.type
+        if joint.coupling is not None:
+            row['coupling'] = {'joint': joint.coupling.joint, 'factor': joint.coupling.factor}
         if np.isfinite(joint.limits).any():
             row['limits'] = list(joint.limits)
         for key in ('velocity', 'acceleration', 'jerk'):
@@ -249,6 +291,9 @@ def arm_yaml(arm: Arm) -> str:
         'base_frame': arm.base_frame,
         'flange_frame': arm.flange_frame,
     }
+    if arm.described_in != CLASSIC:
+        # what stands here is classic all the same
+        top |= {'convention': CLASSIC, 'described_in': arm.described_in}
     for key in ARM_TRANSFORMS:
         if not getattr(arm, key).is_identity:
             top[key] = _transform_row(getattr(arm, key))

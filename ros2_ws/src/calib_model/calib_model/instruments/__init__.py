@@ -7,9 +7,16 @@ from calib_model.lazy import lazily
 
 if TYPE_CHECKING:
     from calib_model.instruments.arm import (
+        CLASSIC as CLASSIC,
+        CONVENTIONS as CONVENTIONS,
         JOINT_PARAMETERS as JOINT_PARAMETERS,
+        JOINT_TYPES as JOINT_TYPES,
+        MODIFIED as MODIFIED,
+        PRISMATIC as PRISMATIC,
+        REVOLUTE as REVOLUTE,
         Arm as Arm,
         ControllerAxis as ControllerAxis,
+        Coupling as Coupling,
         Joint as Joint,
         NDArrayBool as NDArrayBool,
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A serial arm of revolute joints in classic Denavit-Hartenberg parameters (eqs. 2 to 4)."""
+"""A serial arm in classic Denavit-Hartenberg parameters (eqs. 2 to 4), rails included."""
 
 from __future__ import annotations
 
@@ -12,6 +12,11 @@ from calib_model.arrays import Array, frozen
 from calib_model.errors import DataError
 from calib_model.transforms import RigidTransform
 
+NDArrayBool = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+
+#: how a description gives its parameters: as in eq. 2, or as Craig does
+CLASSIC, MODIFIED = CONVENTIONS = ('classic', 'modified')
+REVOLUTE, PRISMATIC = JOINT_TYPES = ('revolute', 'prismatic')
 #: the five geometric parameters of a joint, in the order of the parameter table
 JOINT_PARAMETERS = ('a', 'alpha', 'd', 'theta_0', 'beta')
 
@@ -26,13 +31,23 @@ class ControllerAxis:
 
 
 @dataclass(frozen=True)
+class Coupling:
+    """A joint that moves by `factor` times the position of another one, besides its own."""
+
+    joint: str
+    factor: float
+
+
+@dataclass(frozen=True)
 class Joint:
     """One joint: A = Tz(d) Rz(theta) Tx(a) Rx(alpha) Ry(beta), theta = direction * q - theta_0.
 
-    Lengths in m, angles in rad, `velocity` in rad/s, `acceleration` in rad/s^2, `jerk` in rad/s^3,
-    each infinite where nobody says; `beta` is Hayati's angle for an axis that is (nearly) parallel
-    to the next one and zero everywhere else. `controller` says what the arm's controller shows for
-    it, where that is another number.
+    Of a prismatic joint theta = -theta_0, and d + direction * q takes the place of d. Lengths in m,
+    angles in rad; limits in rad, `velocity` in rad/s, `acceleration` in rad/s^2, `jerk` in rad/s^3
+    (of a prismatic joint in m, m/s, ..), each infinite where nobody says. `beta` is Hayati's angle
+    for an axis that is (nearly) parallel to the next one and zero everywhere else. With a
+    `coupling` the q of the formula is q + factor * (q of the other joint). `controller` says what
+    the arm's controller shows for it, where that is another number.
     """
 
     name: str
@@ -47,6 +62,18 @@ class Joint:
     controller: ControllerAxis | None = None
     acceleration: float = np.inf
     jerk: float = np.inf
+    type: str = REVOLUTE
+    coupling: Coupling | None = None
+
+    @property
+    def prismatic(self) -> bool:
+        """Whether it slides; it turns otherwise."""
+        return self.type == PRISMATIC
+
+    @property
+    def unit(self) -> str:
+        """Of its position."""
+        return 'm' if self.prismatic else 'rad'
 
 
 @dataclass(frozen=True)
@@ -55,6 +82,7 @@ class Arm:
 
     `base_T_dh` and `dh_T_flange` place the D-H chain between `base_frame` and `flange_frame` where
     its own parameters cannot; `flange_T_controller` is the controller's flange frame in ours.
+    `described_in` is the convention of the description it was read from: here all is classic.
     """
 
     name: str
@@ -64,13 +92,20 @@ class Arm:
     base_T_dh: RigidTransform = RigidTransform()
     dh_T_flange: RigidTransform = RigidTransform()
     flange_T_controller: RigidTransform = RigidTransform()
+    described_in: str = CLASSIC
     geometry: Array = field(init=False, repr=False, compare=False)
     direction: Array = field(init=False, repr=False, compare=False)
+    prismatic: NDArrayBool = field(init=False, repr=False, compare=False)
+    coupling: Array | None = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         table = [[getattr(joint, key) for joint in self.joints] for key in JOINT_PARAMETERS]
         object.__setattr__(self, 'geometry', frozen(table))
         object.__setattr__(self, 'direction', frozen([j.direction for j in self.joints]))
+        slides = np.array([joint.prismatic for joint in self.joints], dtype=bool)
+        slides.setflags(write=False)
+        object.__setattr__(self, 'prismatic', slides)
+        object.__setattr__(self, 'coupling', _coupling(self.joints))
 
     @property
     def n(self) -> int:
@@ -84,12 +119,12 @@ class Arm:
 
     @property
     def limits(self) -> Array:
-        """Lower and upper joint limits, shape (n, 2), rad."""
+        """Lower and upper joint limits, shape (n, 2), rad (m of prismatic joints)."""
         return np.array([joint.limits for joint in self.joints])
 
     @property
     def velocity(self) -> Array:
-        """Largest joint speeds, shape (n,), rad/s."""
+        """Largest joint speeds, shape (n,), rad/s (m/s of prismatic joints)."""
         return np.array([joint.velocity for joint in self.joints])
 
     @property
@@ -121,12 +156,75 @@ class Arm:
             raise DataError(f'{self.name}: expected {self.n} joint positions, got {q.shape[-1]}')
         return q
 
+    def uncoupled(self, q: Array) -> Array:
+        """How far each joint itself has moved (N, n) in postures q (N, n), before its direction.
+
+        Raises:
+            DataError: the number of joints is not the arm's.
+        """
+        q = self.check_joints(q)
+        return q if self.coupling is None else q @ self.coupling.T
+
+    def coupled(self, moved: Array) -> Array:
+        """The postures q (N, n) in which each joint itself has moved so far: `uncoupled`, undone.
+
+        Raises:
+            DataError: the number of joints is not the arm's.
+        """
+        moved = self.check_joints(moved)
+        if self.coupling is None:
+            return moved
+        return np.asarray(np.linalg.solve(self.coupling, moved.T).T, dtype=np.float64)
+
+    @property
+    def without_coupling(self) -> Arm:
+        """The arm whose positions are what each joint itself has moved: `uncoupled`."""
+        if self.coupling is None:
+            return self
+        # a joint without limits that plays no part: 0 times infinity is nothing here
+        factor = self.coupling[:, :, None]
+        reach = factor * np.where(factor == 0, 0.0, self.limits)
+        limits = np.sort(reach, axis=2).sum(axis=1)
+        joints = [
+            replace(joint, coupling=None, limits=(float(lower), float(upper)))
+            for joint, (lower, upper) in zip(self.joints, limits, strict=True)
+        ]
+        return replace(self, joints=tuple(joints))
+
+    def by_positions(self, by_own: Array) -> Array:
+        """Derivatives (..., n) by the positions q from those by each joint's own motion."""
+        return by_own if self.coupling is None else by_own @ self.coupling
+
     def within_limits(self, q: Array, margin: float = 0.0) -> NDArrayBool:
-        """Which of the postures q (N, n) keep `margin` rad from every joint limit, shape (N,)."""
+        """Which of the postures q (N, n) keep `margin` (rad, m) from every joint limit, (N,)."""
         q = self.check_joints(q)
         lower, upper = self.limits.T
         inside: NDArrayBool = np.all((q >= lower + margin) & (q <= upper - margin), axis=1)
         return inside
 
 
-NDArrayBool = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+def _coupling(joints: tuple[Joint, ...]) -> Array | None:
+    """The matrix (n, n) of `Arm.uncoupled`, None where every joint moves by itself.
+
+    Raises:
+        DataError: a joint is coupled to one that is not there, to itself, or in a circle.
+    """
+    if not any(joint.coupling for joint in joints):
+        return None
+    names = [joint.name for joint in joints]
+    matrix = np.eye(len(joints))
+    for i, joint in enumerate(joints):
+        if joint.coupling is None:
+            continue
+        if joint.coupling.joint not in names:
+            raise DataError(
+                f'{joint.name}: coupled to {joint.coupling.joint!r}, expected one of '
+                f'{", ".join(names)}'
+            )
+        other = names.index(joint.coupling.joint)
+        if other == i or joints[other].coupling is not None:
+            raise DataError(f'{joint.name}: expected a coupling to another joint that has none')
+        if joints[other].prismatic != joint.prismatic:
+            raise DataError(f'{joint.name}: one that turns and one that slides are not coupled')
+        matrix[i, other] = joint.coupling.factor
+    return frozen(matrix)

@@ -34,25 +34,30 @@ class JointFrame:
 
 
 def joint_frames(arm: Arm, q: Array) -> Iterator[JointFrame]:
-    """The frames of eq. 2, joint by joint from the base, for postures q (N, n) in rad."""
-    q = arm.check_joints(q)
+    """The frames of eq. 2, joint by joint from the base, for postures q (N, n)."""
+    moved = arm.direction * arm.uncoupled(q)
     # (3, N), so that what is done to all poses at once lies side by side
     x_before, y_before, z_before = (
-        np.repeat(axis[:, None], len(q), axis=1) for axis in arm.base_T_dh.rotation.T
+        np.repeat(axis[:, None], len(moved), axis=1) for axis in arm.base_T_dh.rotation.T
     )
-    origin = np.repeat(arm.base_T_dh.translation[:, None], len(q), axis=1)
+    origin = np.repeat(arm.base_T_dh.translation[:, None], len(moved), axis=1)
     for i, (a, alpha, d, theta_0, beta) in enumerate(arm.geometry.T):
-        theta = arm.direction[i] * q[:, i] - theta_0
-        cosine, sine = np.cos(theta), np.sin(theta)
+        turn, slide = _turn_and_slide(arm, i, moved)
+        cosine, sine = np.cos(turn - theta_0), np.sin(turn - theta_0)
         x = cosine * x_before + sine * y_before
         y_turned = cosine * y_before - sine * x_before
         y = np.cos(alpha) * y_turned + np.sin(alpha) * z_before
         z = np.cos(alpha) * z_before - np.sin(alpha) * y_turned
         axes = (np.cos(beta) * x - np.sin(beta) * z, y, np.sin(beta) * x + np.cos(beta) * z)
-        after = origin + d * z_before + a * x
+        after = origin + (d + slide) * z_before + a * x
         rotation = np.stack(axes).transpose(2, 1, 0)
         yield JointFrame(origin.T, z_before.T, x.T, rotation, after.T)
         (x_before, y_before, z_before), origin = axes, after
+
+
+def _turn_and_slide(arm: Arm, i: int, moved: Array) -> tuple[Array | float, Array | float]:
+    """By what joint i turns and by what it slides when all have moved (N, n): one is zero."""
+    return (0.0, moved[:, i]) if arm.prismatic[i] else (moved[:, i], 0.0)
 
 
 def forward_kinematics(arm: Arm, q: Array) -> Array:
@@ -84,16 +89,16 @@ def points(arm: Arm, q: Array, p_flange: Array) -> Array:
     Raises:
         DataError: `q` has not the arm's number of joints.
     """
-    q = arm.check_joints(q)
-    x, y, z = _in_last_frame(arm, p_flange, len(q)).T
+    moved = arm.direction * arm.uncoupled(q)
+    x, y, z = _in_last_frame(arm, p_flange, len(moved)).T
     for i in reversed(range(arm.n)):
         a, alpha, d, theta_0, beta = arm.geometry[:, i]
         if beta != 0.0:
             x, z = np.cos(beta) * x + np.sin(beta) * z, np.cos(beta) * z - np.sin(beta) * x
-        y, z = np.cos(alpha) * y - np.sin(alpha) * z, np.sin(alpha) * y + np.cos(alpha) * z + d
-        x = x + a
-        theta = arm.direction[i] * q[:, i] - theta_0
-        cosine, sine = np.cos(theta), np.sin(theta)
+        turn, slide = _turn_and_slide(arm, i, moved)
+        y, z = np.cos(alpha) * y - np.sin(alpha) * z, np.sin(alpha) * y + np.cos(alpha) * z
+        x, z = x + a, z + (d + slide)
+        cosine, sine = np.cos(turn - theta_0), np.sin(turn - theta_0)
         x, y = cosine * x - sine * y, sine * x + cosine * y
     p_dh = np.stack([x, y, z], axis=-1)
     return p_dh if arm.base_T_dh.is_identity else arm.base_T_dh.apply(p_dh)
@@ -110,7 +115,7 @@ class PointDerivatives:
     """Points `p_base` (N, 3) and how they move.
 
     `geometry` (N, 3, 5, n): by each joint's a, alpha, d, theta_0, beta (the order of
-    `JOINT_PARAMETERS`), m/m and m/rad. `joints` (N, 3, n): by the joint positions, m/rad.
+    `JOINT_PARAMETERS`), m/m and m/rad. `joints` (N, 3, n): by the joint positions, m/rad, m/m.
     `flange` (N, 3, 3): the flange's rotation, the derivative by `p_flange`.
     """
 
@@ -144,5 +149,6 @@ def point_derivatives(arm: Arm, q: Array, p_flange: Array) -> PointDerivatives:
         geometry[:, :, 2, i] = frame.z_joint
         geometry[:, :, 3, i] = -turned
         geometry[:, :, 4, i] = cross(frame.rotation[:, :, 1], from_origin)
-        joints[:, :, i] = arm.direction[i] * turned
-    return PointDerivatives(p_base, geometry, joints, last @ arm.dh_T_flange.rotation)
+        joints[:, :, i] = arm.direction[i] * (frame.z_joint if arm.prismatic[i] else turned)
+    by_positions = arm.by_positions(joints)
+    return PointDerivatives(p_base, geometry, by_positions, last @ arm.dh_T_flange.rotation)

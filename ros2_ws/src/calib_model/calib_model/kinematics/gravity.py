@@ -32,7 +32,8 @@ class Links:
 def gravity_torques(arm: Arm, links: Links, q: Array) -> Array:
     """The torque (N, n), N m, with which gravity turns each joint at postures q (N, n), rad.
 
-    Positive where it pulls towards larger q: less than nothing is what the motor holds.
+    Positive where it pulls towards larger q: less than nothing is what the motor holds. The force,
+    N, on a joint that slides; the torque on the joint itself of one that is coupled.
 
     Raises:
         DataError: `q` has not the arm's number of joints.
@@ -43,7 +44,8 @@ def gravity_torques(arm: Arm, links: Links, q: Array) -> Array:
     q = arm.check_joints(q)
     model = _model(arm, links, pinocchio)
     data = model.createData()
-    held = [pinocchio.computeGeneralizedGravity(model, data, row).copy() for row in q]
+    moved = arm.uncoupled(q)
+    held = [pinocchio.computeGeneralizedGravity(model, data, row).copy() for row in moved]
     torques: Array = -np.reshape(held, (len(q), arm.n))
     return torques
 
@@ -56,9 +58,14 @@ def _model(arm: Arm, links: Links, pinocchio: Any) -> Any:
     for i, frame in enumerate(joint_frames(arm, np.zeros((1, arm.n)))):
         placed = pinocchio.SE3(*_joint_place(frame))
         axis = np.array([0.0, 0.0, float(arm.direction[i])])
+        unaligned = (
+            pinocchio.JointModelPrismaticUnaligned
+            if arm.prismatic[i]
+            else pinocchio.JointModelRevoluteUnaligned
+        )
         parent = model.addJoint(
             parent,
-            pinocchio.JointModelRevoluteUnaligned(axis),
+            unaligned(axis),
             before.actInv(placed),
             arm.joints[i].name,
         )

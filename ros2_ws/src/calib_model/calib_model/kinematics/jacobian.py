@@ -18,7 +18,7 @@ def probing_jacobian(
 ) -> tuple[Array, Array]:
     """`p_base_sphere` (N, 3), m, and its Jacobian (N, 3, 5n + 6) in the table's column order.
 
-    For postures `joints` (N, n) in rad that have the sphere's centre at `p_probe_sphere` (N, 3).
+    For postures `joints` (N, n) that have the sphere's centre at `p_probe_sphere` (N, 3).
     """
     mount = probe.flange_T_probe
     turned = p_probe_sphere @ mount.rotation.T
@@ -40,7 +40,7 @@ class ToolMotion:
     """Where a tool is in N postures and how it moves with the joints, all in the base frame.
 
     `position` (N, 3), m; `rotation` (N, 3, 3); `jacobian` (N, 6, n): the linear velocity of its
-    origin, m/rad, above its angular velocity, rad/rad.
+    origin, m/rad or m/m, above its angular velocity, rad/rad or rad/m.
     """
 
     position: Array
@@ -49,7 +49,7 @@ class ToolMotion:
 
 
 def tool_motion(arm: Arm, q: Array, flange_T_tool: RigidTransform) -> ToolMotion:
-    """The pose of a tool on the flange in postures q (N, n), rad, and its geometric Jacobian.
+    """The pose of a tool on the flange in postures q (N, n), and its geometric Jacobian.
 
     Raises:
         DataError: `q` has not the arm's number of joints.
@@ -61,6 +61,10 @@ def tool_motion(arm: Arm, q: Array, flange_T_tool: RigidTransform) -> ToolMotion
     jacobian = np.empty((len(position), 6, arm.n))
     for i, frame in enumerate(frames):
         axis = arm.direction[i] * frame.z_joint
+        if arm.prismatic[i]:
+            jacobian[:, :3, i], jacobian[:, 3:, i] = axis, 0.0
+            continue
         jacobian[:, :3, i] = cross(axis, position - frame.origin_joint)
         jacobian[:, 3:, i] = axis
-    return ToolMotion(position, last.rotation @ T_last_tool[:3, :3], jacobian)
+    by_positions = arm.by_positions(jacobian)
+    return ToolMotion(position, last.rotation @ T_last_tool[:3, :3], by_positions)

@@ -30,7 +30,8 @@ class JointTerms:
     """Functions of the posture by which a joint may be off what its encoder reads.
 
     Per joint j: cos(k q_j) and sin(k q_j) for k = 1 .. `harmonics` and, with `links`, the torque
-    of gravity. All are functions of the angles as read.
+    of gravity. All are functions of the angles as read, q_j that of the joint itself where it is
+    coupled to another; of a joint that slides they are zero.
     """
 
     harmonics: int = 0
@@ -57,18 +58,19 @@ class JointTerms:
         Raises:
             DataError: `q` has not the arm's number of joints.
         """
-        q = arm.check_joints(q)
-        basis = np.empty((len(q), self.count, arm.n))
-        basis[:, : 2 * self.harmonics] = harmonic_basis(q, self.harmonics)
+        turned = arm.uncoupled(q)
+        basis = np.empty((len(turned), self.count, arm.n))
+        basis[:, : 2 * self.harmonics] = harmonic_basis(turned, self.harmonics)
         if self.links is not None:
             basis[:, -1] = gravity_torques(arm, self.links, q)
+        basis[:, :, arm.prismatic] = 0.0
         return basis
 
 
 @dataclass(frozen=True, eq=False)
 class JointErrors:
-    """Joints that are really at q + sum_t values[t] * basis_t(q); `values` (count, n), in rad, or
-    rad/(N m) for compliance."""
+    """Joints that have really turned by sum_t values[t] * basis_t(q) more; `values` (count, n), in
+    rad, or rad/(N m) for compliance."""
 
     terms: JointTerms
     values: Array
@@ -77,10 +79,10 @@ class JointErrors:
         object.__setattr__(self, 'values', frozen(self.values))
 
     def angles(self, arm: Arm, q: Array) -> Array:
-        """How far the joints are off what is read (N, n), rad.
+        """How far the positions q (N, n) are off what is read (N, n), rad.
 
         Raises:
             DataError: `q` has not the arm's number of joints.
         """
         off: Array = np.einsum('ntj,tj->nj', self.terms.basis(arm, q), self.values)
-        return off
+        return arm.coupled(off)

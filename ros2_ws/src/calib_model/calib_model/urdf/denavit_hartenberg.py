@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib_model.arrays import Array
-from calib_model.instruments import Arm, Joint
+from calib_model.instruments import PRISMATIC, REVOLUTE, Arm, Joint
 from calib_model.kinematics import NEARLY_PARALLEL
 from calib_model.transforms import RigidTransform, rotation_matrix
 from calib_model.urdf.serial_chain import SerialChain
@@ -66,18 +66,22 @@ def arm_of_chain(chain: SerialChain, name: str = '') -> Arm:
     T_axis_flange = np.linalg.inv(frame) @ T_base_flange
     last, flange = _to_flange(T_axis_flange)
     joints = []
-    for i, (joint, step) in enumerate(zip(chain.turning, [*steps, last], strict=True)):
+    for i, (joint, step) in enumerate(zip(chain.moving, [*steps, last], strict=True)):
         direction = -1 if i == 0 and not upwards else 1
         values = (step.a, step.alpha, step.d, _round_angle(-step.theta), step.beta)
-        joints.append(Joint(joint.name, *values, direction, joint.limits, joint.velocity))
+        kind = PRISMATIC if joint.prismatic else REVOLUTE
+        limits, velocity = joint.limits, joint.velocity
+        joints.append(
+            Joint(joint.name, *values, direction, limits=limits, velocity=velocity, type=kind)
+        )
     return Arm(name or chain.robot, tuple(joints), chain.base, chain.flange, base, flange)
 
 
 def _lines(chain: SerialChain) -> tuple[list[Line], Array]:
-    """The turning joints' axes and the flange's pose at q = 0."""
+    """The moving joints' axes and the flange's pose at q = 0."""
     *before, last = chain.segments()
     matrix, lines = np.eye(4), []
-    for segment, joint in zip(before, chain.turning, strict=True):
+    for segment, joint in zip(before, chain.moving, strict=True):
         matrix = matrix @ segment
         lines.append(Line(matrix[:3, 3].copy(), matrix[:3, :3] @ joint.axis))
     return lines, matrix @ last

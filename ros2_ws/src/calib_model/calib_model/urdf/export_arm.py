@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from calib_model.arrays import Array
-from calib_model.instruments import Arm, Joint
+from calib_model.instruments import Arm, Coupling, Joint
 from calib_model.transforms import RigidTransform, rotation_matrix
 
 # what a joint without limits gets: readers that count joints by `revolute` keep one number each
@@ -21,10 +21,16 @@ def arm_urdf(arm: Arm, radius: float = 0.03) -> str:
     """The URDF text of an arm, numbers with all their digits.
 
     Frames: `base_frame`, `link_1` .. `link_n` (the moving frame of each joint, on its axis) and
-    `flange_frame`. Joint positions are the arm's q. Links are drawn as cylinders of `radius` (m)
+    `flange_frame`. Joint positions are the arm's q; URDF has no word for a joint that moves with
+    another, so of a coupled arm they are what each joint itself has moved (`Arm.uncoupled`), and
+    a comment says so. Links are drawn as cylinders of `radius` (m)
     from joint to joint, not at all with 0; there are no masses, for none are known.
     """
     robot = ElementTree.Element('robot', name=arm.name)
+    for joint in arm.joints:
+        if joint.coupling is not None:
+            robot.append(ElementTree.Comment(_coupled(joint, joint.coupling)))
+    arm = arm.without_coupling
     links = [arm.base_frame, *_link_names(arm), arm.flange_frame]
     offsets = rigid_parts(arm)
     for name, to_next in zip(links, [*offsets, None], strict=True):
@@ -32,7 +38,7 @@ def arm_urdf(arm: Arm, radius: float = 0.03) -> str:
         if to_next is not None and radius > 0:
             _draw(link, to_next[:3, 3], radius)
     for i, joint in enumerate(arm.joints):
-        element = _joint(robot, joint.name, 'revolute', links[i], links[i + 1], offsets[i])
+        element = _joint(robot, joint.name, joint.type, links[i], links[i + 1], offsets[i])
         ElementTree.SubElement(element, 'axis', xyz=f'0 0 {joint.direction}')
         lower, upper = joint.limits
         ElementTree.SubElement(
@@ -49,8 +55,14 @@ def arm_urdf(arm: Arm, radius: float = 0.03) -> str:
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding='unicode') + '\n'
 
 
+def _coupled(joint: Joint, coupling: Coupling) -> str:
+    text = f' {joint.name} here is {joint.name} + {coupling.factor!r} * {coupling.joint} of the '
+    return text.replace('--', '- -') + 'arm description: each joint as it moves itself '
+
+
 def rigid_parts(arm: Arm) -> list[Array]:
-    """What is rigid between an arm's turns Rz(direction * q): n + 1 matrices (4, 4), base first."""
+    """What is rigid between an arm's joints, each of which turns by Rz(direction * q) or slides by
+    Tz(direction * q): n + 1 matrices (4, 4), base first."""
     before = [_before_turn(arm, i) for i in range(arm.n)]
     return [*before, _after_turn(arm.joints[-1]) @ arm.dh_T_flange.matrix()]
 

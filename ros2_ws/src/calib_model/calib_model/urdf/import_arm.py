@@ -24,7 +24,7 @@ def arm_from_urdf(
     """The arm of a URDF text, its forward kinematics held against the URDF's.
 
     Raises:
-        DescriptionError: not a URDF, or no serial arm of turning joints from `base` to `flange`.
+        DescriptionError: not a URDF, or no serial arm of moving joints from `base` to `flange`.
     """
     chain = read_chain(text, base, flange, source)
     arm = arm_of_chain(chain, name)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The joints between two links of a URDF: turning ones and fixed ones, base first."""
+"""The joints between two links of a URDF, moving ones and fixed ones, base first."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ import numpy as np
 
 from calib_model.arrays import Array
 from calib_model.errors import DescriptionError
+from calib_model.instruments import PRISMATIC
 from calib_model.transforms import rotation_matrix
 
-TURNING = ('revolute', 'continuous')
+MOVING = ('revolute', 'continuous', PRISMATIC)
 MOST_NAMES = 12  # listed in an error
-EXPECTED = 'expected revolute, continuous or fixed joints from base to flange'
+EXPECTED = 'expected revolute, continuous, prismatic or fixed joints from base to flange'
 
 
 @dataclass(frozen=True)
@@ -29,9 +30,23 @@ class ChainJoint:
     velocity: float = np.inf
 
     @property
-    def turns(self) -> bool:
-        """Whether it turns; it is fixed otherwise."""
-        return self.kind in TURNING
+    def moves(self) -> bool:
+        """Whether it turns or slides; it is fixed otherwise."""
+        return self.kind in MOVING
+
+    @property
+    def prismatic(self) -> bool:
+        """Whether it slides."""
+        return self.kind == PRISMATIC
+
+    def motion(self, position: float) -> Array:
+        """What it does at a position (rad, m), (4, 4)."""
+        matrix = np.eye(4)
+        if self.prismatic:
+            matrix[:3, 3] = position * self.axis
+        else:
+            matrix[:3, :3] = rotation_matrix(position * self.axis)
+        return matrix
 
 
 @dataclass(frozen=True)
@@ -44,30 +59,29 @@ class SerialChain:
     joints: tuple[ChainJoint, ...]
 
     @property
-    def turning(self) -> tuple[ChainJoint, ...]:
-        """The joints that turn, base first."""
-        return tuple(joint for joint in self.joints if joint.turns)
+    def moving(self) -> tuple[ChainJoint, ...]:
+        """The joints that turn or slide, base first."""
+        return tuple(joint for joint in self.joints if joint.moves)
 
     def segments(self) -> list[Array]:
         """What is rigid, fixed joints folded: n + 1 matrices (4, 4).
 
-        From the base, or from the frame of the turning joint before, to each turning joint's frame
+        From the base, or from the frame of the moving joint before, to each moving joint's frame
         and at last to the flange.
         """
         found = [np.eye(4)]
         for joint in self.joints:
             found[-1] = found[-1] @ joint.origin
-            if joint.turns:
+            if joint.moves:
                 found.append(np.eye(4))
         return found
 
     def forward(self, q: Array) -> Array:
-        """`T_base_flange` (4, 4) of one posture q (n,), rad."""
+        """`T_base_flange` (4, 4) of one posture q (n,)."""
         *before, last = self.segments()
         matrix = np.eye(4)
-        for segment, joint, position in zip(before, self.turning, q, strict=True):
-            matrix = matrix @ segment
-            matrix[:3, :3] = matrix[:3, :3] @ rotation_matrix(position * joint.axis)
+        for segment, joint, position in zip(before, self.moving, q, strict=True):
+            matrix = matrix @ segment @ joint.motion(float(position))
         flange: Array = matrix @ last
         return flange
 
@@ -100,8 +114,8 @@ def read_chain(
     chain = SerialChain(
         robot.get('name') or 'arm', base, flange, tuple(_joint(e, source) for e in elements)
     )
-    if not chain.turning:
-        raise DescriptionError(source, '', f'no joint turns between {base!r} and {flange!r}')
+    if not chain.moving:
+        raise DescriptionError(source, '', f'no joint moves between {base!r} and {flange!r}')
     return chain
 
 
@@ -137,7 +151,7 @@ def _parents(robot: ElementTree.Element, source: str) -> dict[str, tuple[str, El
 
 def _joint(element: ElementTree.Element, source: str) -> ChainJoint:
     name, kind = element.get('name', ''), element.get('type', '')
-    if kind not in (*TURNING, 'fixed'):
+    if kind not in (*MOVING, 'fixed'):
         raise DescriptionError(source, _place(element), f'{kind or "no type"}: {EXPECTED}')
     origin = np.eye(4)
     placed = element.find('origin')

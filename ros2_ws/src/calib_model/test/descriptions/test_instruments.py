@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +20,12 @@ from calib_model.descriptions.instruments import (
 from calib_model.descriptions.placements import parse_placements
 from calib_model.errors import DescriptionError
 from calib_model.instruments import (
+    CONVENTIONS,
+    JOINT_TYPES,
     ActiveProbe,
     Arm,
     ControllerAxis,
+    Coupling,
     Gauge,
     Joint,
     PassiveProbe,
@@ -70,8 +74,13 @@ def arms(draw: st.DrawFn) -> Arm:
         axis = draw(st.none() | st.builds(ControllerAxis, NAME, direction, NUMBER))
         hasty = [draw(st.floats(1e-3, 1e6) | st.just(np.inf)) for _ in range(2)]
         joints.append(Joint(name, *values, draw(direction), limits, velocity, axis, *hasty))
+    kind = draw(st.sampled_from(JOINT_TYPES))
+    joints = [replace(joint, type=kind) for joint in joints]
+    if len(joints) > 1 and draw(st.booleans()):
+        joints[1] = replace(joints[1], coupling=Coupling(names[0], draw(NUMBER)))
     placed = [draw(TRANSFORM) for _ in range(3)]
-    return Arm(draw(NAME), tuple(joints), draw(NAME), draw(NAME), *placed)
+    described_in = draw(st.sampled_from(CONVENTIONS))
+    return Arm(draw(NAME), tuple(joints), draw(NAME), draw(NAME), *placed, described_in)
 
 
 @pytest.mark.slow
@@ -164,6 +173,11 @@ def test_an_arm_without_transforms_is_written_as_before() -> None:
         (parse_arm, ARM, 'velocity: 2', 'acceleration: -3', 'expected a number above zero'),
         (parse_arm, ARM, 'velocity: 2', 'jerk: .nan', 'jerk'),
         (parse_arm, ARM, 'a: 0.1', 'direction: 2, a: 0.1', 'direction: expected 1 or -1'),
+        (parse_arm, ARM, 'a: 0.1', 'type: sliding, a: 0.1', 'expected revolute or prismatic, got'),
+        (parse_arm, ARM, 'a: 0.1', 'coupling: {joint: j3}, a: 0.1', "coupled to 'j3', expected"),
+        (parse_arm, ARM, 'a: 0.1', 'coupling: {joint: j1}, a: 0.1', 'another joint that has none'),
+        (parse_arm, ARM, 'a: 0.1', 'coupling: {factor: 1}, a: 0.1', "missing key 'joint'"),
+        (parse_arm, ARM, 'joints:', 'convention: craig\njoints:', 'expected classic or modified'),
         (parse_arm, ARM, 'name: two', 'name: &x two', 'aliases are not supported'),
         (parse_arm, ARM, 'name: two', 'name: !!str two', 'line 1: YAML tags are not supported'),
         (parse_arm, ARM, 'a: 0.1', 'a: 0.1, a: 0.2', "line 3: not valid YAML: key 'a' is"),

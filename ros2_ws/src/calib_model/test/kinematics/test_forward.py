@@ -11,7 +11,11 @@ def eq_2(arm: Arm, q: np.ndarray) -> np.ndarray:
     """T_base_flange of one posture as the product of eq. 2's matrices, element by element."""
     T = arm.base_T_dh.matrix()
     for joint, position in zip(arm.joints, q, strict=True):
-        theta = joint.direction * position - joint.theta_0
+        if joint.coupling is not None:
+            position += joint.coupling.factor * q[arm.joint_names.index(joint.coupling.joint)]
+        moved = joint.direction * position
+        slide, turn = (moved, 0.0) if joint.type == 'prismatic' else (0.0, moved)
+        theta = turn - joint.theta_0
         ct, st = np.cos(theta), np.sin(theta)
         ca, sa = np.cos(joint.alpha), np.sin(joint.alpha)
         cb, sb = np.cos(joint.beta), np.sin(joint.beta)
@@ -19,7 +23,7 @@ def eq_2(arm: Arm, q: np.ndarray) -> np.ndarray:
             [
                 [ct, -ca * st, sa * st, joint.a * ct],
                 [st, ca * ct, -sa * ct, joint.a * st],
-                [0, sa, ca, joint.d],
+                [0, sa, ca, joint.d + slide],
                 [0, 0, 0, 1],
             ]
         )

@@ -6,7 +6,8 @@ from finite_differences import differences
 
 from calib_model.instruments import Arm
 from calib_model.kinematics.forward import point_derivatives, points
-from calib_model.transforms import left_jacobian, rotation_matrix
+from calib_model.kinematics.jacobian import tool_motion
+from calib_model.transforms import RigidTransform, left_jacobian, rotation_matrix
 
 
 def test_point_derivatives(arms: list[Arm], odd_arm: Arm) -> None:
@@ -39,6 +40,24 @@ def test_a_point_of_its_own_for_every_posture(odd_arm: Arm) -> None:
         alone = point_derivatives(odd_arm, q[row : row + 1], p[row])
         np.testing.assert_allclose(together.geometry[row], alone.geometry[0], atol=1e-15)
         np.testing.assert_allclose(together.joints[row], alone.joints[0], atol=1e-15)
+
+
+def test_tool_motion(odd_arm: Arm) -> None:
+    rng = np.random.default_rng(5)
+    q = rng.uniform(-3, 3, (3, odd_arm.n))
+    tool = RigidTransform(*rng.uniform(-0.3, 0.3, (2, 3)))
+    found = tool_motion(odd_arm, q, tool)
+    for row in range(len(q)):
+
+        def pose(x: np.ndarray) -> np.ndarray:
+            there = tool_motion(odd_arm, x[None], tool)
+            return np.concatenate([there.position[0], there.rotation[0].reshape(-1)])
+
+        moved = differences(pose, q[row])
+        np.testing.assert_allclose(found.jacobian[row, :3], moved[:3], rtol=0, atol=2e-11)
+        spin = np.einsum('abj,cb->acj', moved[3:].reshape(3, 3, -1), found.rotation[row])
+        turned = np.stack([spin[2, 1], spin[0, 2], spin[1, 0]])
+        np.testing.assert_allclose(found.jacobian[row, 3:], turned, rtol=0, atol=2e-11)
 
 
 def test_rotation_vector_jacobian() -> None:

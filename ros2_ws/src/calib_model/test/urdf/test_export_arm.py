@@ -32,8 +32,17 @@ def test_pinocchio_reads_the_same_arm(arms: list[Arm], odd_arm: Arm) -> None:
     for arm in (*arms, odd_arm):
         q = rng.uniform(-3, 3, (20, arm.n))
         np.testing.assert_allclose(
-            through_pinocchio(arm, q), forward_kinematics(arm, q), rtol=0, atol=1e-12
+            through_pinocchio(arm, arm.uncoupled(q)), forward_kinematics(arm, q), rtol=0, atol=1e-12
         )
+
+
+def test_a_coupled_arm_says_what_its_urdf_counts(odd_arm: Arm) -> None:
+    assert '<!-- j4 here is j4 + - -0.7 * j1 of the arm description' not in arm_urdf(odd_arm)
+    assert '<!-- j4 here is j4 + -0.7 * j1 of the arm description' in arm_urdf(odd_arm)
+    limited = [replace(joint, limits=(-1.0, 2.0)) for joint in odd_arm.joints]
+    model = pinocchio.buildModelFromXML(arm_urdf(replace(odd_arm, joints=tuple(limited))))
+    np.testing.assert_allclose(model.lowerPositionLimit, [-1, -1, -1, -1, -1 - 0.7 * 2])
+    np.testing.assert_allclose(model.upperPositionLimit, [2, 2, 2, 2, 2 + 0.7])
 
 
 @settings(max_examples=60)

@@ -26,14 +26,16 @@ def corrected_urdf(text: bytes, nominal: Arm, identified: Arm, source: str = 'UR
     """The URDF whose flange is where the identified arm has it, for every posture.
 
     Only joint origins differ from `text`: joint axes, zeros and limits, links and comments stay.
-    `nominal` is the arm that was started from, of the same base and flange links and joints.
+    Of a coupled arm the URDF's positions are what each joint itself has moved. `nominal` is the arm
+    that was started from, of the same base and flange links and joints.
 
     Raises:
         DescriptionError: the URDF has not these links and joints, or is of another arm.
         CalibrationError: what was identified cannot be said by its joint origins.
     """
+    nominal, identified = nominal.without_coupling, identified.without_coupling
     chain = read_chain(text, identified.base_frame, identified.flange_frame, source)
-    names = tuple(joint.name for joint in chain.turning)
+    names = tuple(joint.name for joint in chain.moving)
     if names != identified.joint_names:
         raise DescriptionError(
             source,
@@ -74,7 +76,8 @@ def corrected_origins(
     """New origins (4, 4) by joint name, of those that change.
 
     The URDF's joint i turns by Rot(axis, q) = K_i Rz(direction q) K_i^-1, where K_i carries the
-    D-H frame on that axis into the joint's frame. With the rigid parts C_i between the D-H turns,
+    D-H frame on that axis into the joint's frame; one that slides does so by K_i Tz(direction q)
+    K_i^-1. With the rigid parts C_i between the D-H joints,
     the origins O_i = K_(i-1) C_i K_i^-1 give the same poses: the nominal C_i and O_i say K_i, the
     identified C_i then the new O_i.
     """
@@ -87,14 +90,14 @@ def corrected_origins(
         carried = np.eye(4)
         if i < nominal.n:
             guess = np.linalg.inv(segment) @ before @ old
-            carried = _onto_axis(guess, chain.turning[i].axis * nominal.joints[i].direction)
+            carried = _onto_axis(guess, chain.moving[i].axis * nominal.joints[i].direction)
         wanted = before @ new @ np.linalg.inv(carried)
         before = carried
         if np.abs(wanted - segment).max() < UNCHANGED:
             continue
         if not joints[i]:
             raise CalibrationError(
-                f'{source}: link {chain.flange!r} is moved by {chain.turning[-1].name} itself: no '
+                f'{source}: link {chain.flange!r} is moved by {chain.moving[-1].name} itself: no '
                 f'joint origin can correct where it is on the last axis'
             )
         own, origin = _own_origin(wanted, joints[i])
@@ -103,11 +106,11 @@ def corrected_origins(
 
 
 def _by_segment(chain: SerialChain) -> list[list[ChainJoint]]:
-    """The joints of each rigid segment: fixed ones and, but for the last, the one that turns."""
+    """The joints of each rigid segment: fixed ones and, but for the last, the one that moves."""
     found: list[list[ChainJoint]] = [[]]
     for joint in chain.joints:
         found[-1].append(joint)
-        if joint.turns:
+        if joint.moves:
             found.append([])
     return found
 
@@ -115,11 +118,11 @@ def _by_segment(chain: SerialChain) -> list[list[ChainJoint]]:
 def _own_origin(wanted: Array, segment: list[ChainJoint]) -> tuple[ChainJoint, Array]:
     """The joint of a segment that is corrected, and its origin that makes the whole as wanted.
 
-    That is the joint that turns, or the first of those between the last turn and the flange.
+    That is the joint that moves, or the first of those between the last of them and the flange.
     """
     *fixed, last = segment
     matrix = np.eye(4)
-    if last.turns:
+    if last.moves:
         for joint in fixed:
             matrix = matrix @ joint.origin
         return last, np.linalg.inv(matrix) @ wanted

@@ -27,7 +27,14 @@ from calib_model.kinematics import (
     harmonic_basis,
 )
 from calib_solver.error_models.validation_gain import FEWEST_LOCATIONS, Gain, LeaveOneOut
-from calib_solver.problem import IntArray, Problem, accumulate_by, by_joint, point_jacobian
+from calib_solver.problem import (
+    Folds,
+    IntArray,
+    Problem,
+    accumulate_by,
+    by_joint,
+    point_jacobian,
+)
 
 CHOICES = ('off', 'auto', 'harmonic')
 #: orders of `turn` and of `shift`, and whether with `attitude`, that are tried
@@ -106,7 +113,8 @@ def fit_correction(
     def evaluate(rows: IntArray) -> tuple[Array, Array]:
         return columns.at(problem, table, full, rows)
 
-    judge = LeaveOneOut(problem, accumulate_by(problem, columns.count, evaluate), OBJECTIVE, kappa)
+    sums = accumulate_by(problem, columns.count, evaluate)
+    judge = LeaveOneOut(Folds(problem), sums, OBJECTIVE, kappa)
     nothing = np.zeros(columns.count)
     without = judge.scores(np.zeros(0, dtype=np.int64), nothing, nothing)
     found = {
@@ -206,11 +214,13 @@ class _Columns:
         """Points (R, 3) of some poses and what the columns add to them (R, 3, F)."""
         point, jacobian = point_jacobian(problem, table, full, rows)
         moved = by_joint(table, problem.measured.arm, jacobian)
-        basis = harmonic_basis(problem.joints[rows], max(self.turns, self.shifts))
-        by_turn = moved[:, :, None, :] * basis[:, None, : 2 * self.turns]
-        by_shift = np.eye(3)[None, :, None, :, None] * basis[:, None, : 2 * self.shifts, None, :]
-        arm, _ = table.apply(full, problem.measured.arm, problem.measured.probe)
-        turned = forward_kinematics(arm, problem.joints[rows])[:, :3, :3].reshape(-1, 1, 1, 9)
+        joints, measured = problem.joints[rows], problem.measured
+        turns = JointTerms(self.turns).basis(measured.arm, joints)
+        by_turn = moved[:, :, None, :] * turns[:, None]
+        shifts = harmonic_basis(joints, self.shifts)
+        by_shift = np.eye(3)[None, :, None, :, None] * shifts[:, None, :, None, :]
+        arm, _ = table.apply(full, measured.arm, measured.probe)
+        turned = forward_kinematics(arm, joints)[:, :3, :3].reshape(-1, 1, 1, 9)
         parts = (by_turn, by_shift, np.eye(3)[None, :, :, None] * turned)
         return point, np.concatenate([part.reshape(len(rows), 3, -1) for part in parts], axis=2)
 

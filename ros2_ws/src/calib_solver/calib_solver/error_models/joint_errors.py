@@ -19,7 +19,7 @@ from calib_model.kinematics import (
 )
 from calib_solver.error_models.validation_gain import FEWEST_LOCATIONS, Gain, LeaveOneOut
 from calib_solver.fitting import AUTO, Fit, Solver
-from calib_solver.problem import IntArray, Problem
+from calib_solver.problem import Folds, IntArray, Problem
 
 #: a joint on which gravity's torque stays below this (N m) says nothing of its compliance
 LEAST_TORQUE = 1e-6
@@ -107,13 +107,14 @@ def table_with(
     return wider
 
 
-def choose_joint_errors(problem: Problem, solver: Solver, fit: Fit) -> JointErrorChoice:
+def choose_joint_errors(folds: Folds, solver: Solver, fit: Fit) -> JointErrorChoice:
     """Add the kinds that are offered one by one, the best first, while locations left out get
     better by it.
 
-    `fit` is the solver's minimum without them; D-H parameters and mount are fitted anew with each.
+    `folds` are those of the problem; `fit` is the solver's minimum without joint errors; D-H
+    parameters and mount are fitted anew with each.
     """
-    options = solver.options
+    problem, options = folds.problem, solver.options
     kinds = checked_kinds(options.joint_errors, options.links)
     asked = options.joint_errors != (AUTO,)
     count = len(problem.locations)
@@ -124,7 +125,7 @@ def choose_joint_errors(problem: Problem, solver: Solver, fit: Fit) -> JointErro
     full = wider.table.nominal.copy()
     full[solver.table.free_columns] += fit.x
     about, information = wider.offsets(full), wider.information
-    judge = LeaveOneOut(problem, wider.sums(problem, about), solver.options.objective, fit.kappa)
+    judge = LeaveOneOut(folds, wider.sums(problem, about), solver.options.objective, fit.kappa)
     columns = {kind: _columns(wider.table, kind) for kind in ('', *kinds)}
     taken = columns['']
     scores = judge.scores(taken, information, about)

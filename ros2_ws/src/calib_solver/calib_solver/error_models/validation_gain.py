@@ -19,7 +19,7 @@ from calib_solver.fitting import (
     objective,
     repeatability_weights,
 )
-from calib_solver.problem import IntArray, Problem, SphereSums, location_folds, without
+from calib_solver.problem import Folds, IntArray, Problem, SphereSums
 
 #: fewer locations than this do not tell gain from luck
 FEWEST_LOCATIONS = 4
@@ -112,21 +112,19 @@ class Scores:
 class LeaveOneOut:
     """Fits of some columns of a problem's sums to all gauge locations but some, and their worth.
 
-    `sums` are those at the parameters that all is linear about; the objective `name` is minimised
-    with `kappa` (m^2) the weight of the prior.
+    `folds` say which locations are left out together; `sums` are those at the parameters that all
+    is linear about; the objective `name` is minimised with `kappa` (m^2) the weight of the prior.
     """
 
-    def __init__(self, problem: Problem, sums: SphereSums, name: str, kappa: float) -> None:
-        self.problem = problem
+    def __init__(self, folds: Folds, sums: SphereSums, name: str, kappa: float) -> None:
+        self.problem: Problem = folds.problem
         self.sums = sums
         self.kappa = kappa
-        self._objective = objective(name)
-        self.folds = location_folds(problem)
-        nothing = np.zeros(0, dtype=np.int64)
-        self.whole, *self._without = (
-            self._objective(*without(problem, sums, rows)) for rows in (nothing, *self.folds)
-        )
-        self._error, self._slope = distance_errors(problem, sums)
+        minimised = objective(name)
+        self.folds = folds.rows
+        self.whole = minimised(self.problem, sums)
+        self._without = [minimised(*part) for part in folds.without(sums)]
+        self._error, self._slope = distance_errors(self.problem, sums)
 
     def fit(self, columns: IntArray, information: Array, about: Array, where: Quadratic) -> Array:
         """The step (F,) by `columns`, zero in the others, to the minimum of `where`.

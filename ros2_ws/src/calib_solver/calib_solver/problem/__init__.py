@@ -25,11 +25,10 @@ if TYPE_CHECKING:
         point_jacobian as point_jacobian,
     )
     from calib_solver.problem.subproblem import (
+        Folds as Folds,
         gathered as gathered,
-        location_folds as location_folds,
         merged_sums as merged_sums,
         take_groups as take_groups,
-        without as without,
     )
 else:
     __getattr__, __dir__, __all__ = lazily(__name__, __file__)

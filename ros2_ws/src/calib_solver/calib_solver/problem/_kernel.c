@@ -12,13 +12,15 @@
 #define TILE 4          /* columns multiplied at a time */
 #define WIDE 4          /* doubles in a vector */
 #define MOST_JOINTS 16
+#define MOST_TERMS 9    /* functions per joint by which it may be off what is read */
 #define MOUNT_SIZE 45   /* the probe's 21, the base's 12, the flange's 12 */
 
 typedef double lanes[LANES];
 typedef double vector __attribute__((vector_size(WIDE * sizeof(double))));
 
 typedef struct {
-    double a, d, cos_alpha, sin_alpha, cos_zero, sin_zero, cos_beta, sin_beta;
+    double a, d, cos_alpha, sin_alpha, cos_zero, sin_zero, cos_beta, sin_beta, direction;
+    long slide; /* row of `slide` of a joint that slides, -1 of one that turns */
 } JointConstants;
 
 typedef struct {
@@ -36,12 +38,21 @@ typedef struct {
 typedef struct {
     JointFrame joint[MOST_JOINTS];
     lanes axis[3][3], origin[3];
+    lanes cosine[MOST_JOINTS], sine[MOST_JOINTS], slide[MOST_JOINTS]; /* where each joint is */
+    lanes basis[MOST_TERMS][MOST_JOINTS];
 } Frames;
 
 typedef struct {
-    long count;
-    const double *cosine, *sine, *centers, *weight;
+    long count, slides;
+    const double *cosine, *sine, *slide, *centers, *weight;
 } Poses;
+
+/* A joint is off by sum_t values[t] basis_t: cos(k q), sin(k q) for k = 1 .. count / 2 and, where
+ * count is odd, the torque on it at last. */
+typedef struct {
+    long count;
+    const double *values, *torque;
+} JointTerms;
 
 typedef struct {
     long count, padded;
@@ -66,19 +77,20 @@ typedef struct {
 #pragma GCC pop_options
 #endif
 
-static void pass_sphere(const Arm *arm, const Poses *poses, const Columns *columns, long first,
-                        long last, double *rows, SphereOut out)
+static void pass_sphere(const Arm *arm, const JointTerms *terms, const Poses *poses,
+                        const Columns *columns, long first, long last, double *rows, SphereOut out)
 {
 #ifdef HAVE_WIDE
     if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) {
-        sphere_avx2(arm, poses, columns, first, last, rows, out);
+        sphere_avx2(arm, terms, poses, columns, first, last, rows, out);
         return;
     }
 #endif
-    sphere_plain(arm, poses, columns, first, last, rows, out);
+    sphere_plain(arm, terms, poses, columns, first, last, rows, out);
 }
 
-static void set_arm(Arm *arm, const double *geometry, const double *mount)
+static void set_arm(Arm *arm, const double *geometry, const double *mount, const double *direction,
+                    const long long *slide)
 {
     const int n = arm->n;
     for (int i = 0; i < n; ++i) {
@@ -86,7 +98,8 @@ static void set_arm(Arm *arm, const double *geometry, const double *mount)
         const double alpha = geometry[n + i], zero = geometry[3 * n + i];
         const double beta = geometry[4 * n + i];
         *j = (JointConstants){geometry[i], geometry[2 * n + i], cos(alpha), sin(alpha),
-                              cos(zero),   sin(zero),           cos(beta),  sin(beta)};
+                              cos(zero),   sin(zero),           cos(beta),  sin(beta),
+                              direction[i], (long)slide[i]};
     }
     /* mount: rotation by rows, translation, then the axes about which each rotation
      * parameter turns the probe; then the transforms before the first joint and behind the last */
@@ -106,25 +119,36 @@ static void set_arm(Arm *arm, const double *geometry, const double *mount)
     }
 }
 
-enum { COSINE, SINE, CENTERS, WEIGHT, START, GEOMETRY, MOUNT, COLUMNS, INPUTS };
+enum {
+    COSINE, SINE, SLIDE, CENTERS, WEIGHT, START, GEOMETRY, DIRECTION, SLIDES, MOUNT, COLUMNS, VALUES,
+    TORQUE, INPUTS
+};
 enum { OUT_WEIGHT, OUT_REFERENCE, OUT_MOMENT, OUT_SPREAD, OUT_JACOBIAN, OUT_NORMAL, OUTPUTS };
 
-static int sizes_fit(const Py_buffer *in, const Py_buffer *out, const Arm *arm, const Poses *poses,
-                     const Columns *columns, long spheres)
+static int sizes_fit(const Py_buffer *in, const Py_buffer *out, const Arm *arm,
+                     const JointTerms *terms, const Poses *poses, const Columns *columns,
+                     long spheres)
 {
     const Py_ssize_t word = 8, n = arm->n, f = columns->count, p = columns->padded;
+    const Py_ssize_t torques = terms->count % 2 ? n * poses->count : 0;
     const Py_ssize_t wanted[OUTPUTS] = {spheres, 3 * spheres, 3 * spheres, 3 * spheres,
                                         3 * f * spheres, p * p * spheres};
     int fit = in[COSINE].len == n * poses->count * word && in[SINE].len == in[COSINE].len
               && in[CENTERS].len == 3 * poses->count * word && in[GEOMETRY].len == 5 * n * word
-              && in[MOUNT].len == MOUNT_SIZE * word;
+              && in[MOUNT].len == MOUNT_SIZE * word && in[DIRECTION].len == n * word
+              && in[SLIDES].len == n * word && in[SLIDE].len == poses->slides * poses->count * word
+              && in[VALUES].len == terms->count * n * word && terms->count <= MOST_TERMS
+              && in[TORQUE].len == torques * word;
     for (int i = 0; i < OUTPUTS; ++i)
         fit = fit && out[i].len == wanted[i] * word;
     const long long *start = in[START].buf;
     for (long s = 0; fit && s < spheres; ++s)
         fit = start[s] >= 0 && start[s] <= start[s + 1] && start[s + 1] <= poses->count;
     for (long c = 0; fit && c < f; ++c)
-        fit = columns->which[c] >= 0 && columns->which[c] < 5 * n + 6;
+        fit = columns->which[c] >= 0 && columns->which[c] < 5 * n + 6 + terms->count * n;
+    const long long *slide = in[SLIDES].buf;
+    for (long i = 0; fit && i < n; ++i)
+        fit = slide[i] >= -1 && slide[i] < poses->slides;
     return fit;
 }
 
@@ -133,14 +157,17 @@ static int run(const Py_buffer *in, const Py_buffer *out, long first, long last)
     Arm arm;
     arm.n = (int)(in[GEOMETRY].len / (5 * 8));
     const long spheres = (long)(in[START].len / 8) - 1;
-    const Poses poses = {(long)(in[WEIGHT].len / 8), in[COSINE].buf, in[SINE].buf,
-                         in[CENTERS].buf, in[WEIGHT].buf};
+    const long count = (long)(in[WEIGHT].len / 8);
+    const Poses poses = {count, count ? (long)(in[SLIDE].len / 8 / count) : 0, in[COSINE].buf,
+                         in[SINE].buf, in[SLIDE].buf, in[CENTERS].buf, in[WEIGHT].buf};
+    const JointTerms terms = {arm.n ? (long)(in[VALUES].len / 8 / arm.n) : 0, in[VALUES].buf,
+                              in[TORQUE].buf};
     Columns columns = {(long)(in[COLUMNS].len / 8), 0, in[COLUMNS].buf};
     columns.padded = (columns.count + 1 + TILE - 1) / TILE * TILE;
     if (arm.n < 1 || arm.n > MOST_JOINTS || first < 0 || last > spheres
-        || !sizes_fit(in, out, &arm, &poses, &columns, spheres))
+        || !sizes_fit(in, out, &arm, &terms, &poses, &columns, spheres))
         return -1;
-    set_arm(&arm, in[GEOMETRY].buf, in[MOUNT].buf);
+    set_arm(&arm, in[GEOMETRY].buf, in[MOUNT].buf, in[DIRECTION].buf, in[SLIDES].buf);
     const size_t row_bytes = (size_t)columns.padded * 3 * LANES * sizeof(double);
     double *rows = aligned_alloc(64, (row_bytes + sizeof(Frames) + 63) / 64 * 64);
     if (rows == NULL)
@@ -154,7 +181,7 @@ static int run(const Py_buffer *in, const Py_buffer *out, long first, long last)
             (double *)out[OUT_WEIGHT].buf + s,       (double *)out[OUT_REFERENCE].buf + 3 * s,
             (double *)out[OUT_MOMENT].buf + 3 * s,   (double *)out[OUT_SPREAD].buf + 3 * s,
             (double *)out[OUT_JACOBIAN].buf + 3 * f * s, (double *)out[OUT_NORMAL].buf + p * p * s};
-        pass_sphere(&arm, &poses, &columns, start[s], start[s + 1], rows, own);
+        pass_sphere(&arm, &terms, &poses, &columns, start[s], start[s + 1], rows, own);
     }
     Py_END_ALLOW_THREADS
     free(rows);
@@ -164,8 +191,10 @@ static int run(const Py_buffer *in, const Py_buffer *out, long first, long last)
 PyDoc_STRVAR(accumulate_doc,
 "accumulate(inputs, outputs, first, last)\n--\n\n"
 "Add the sums of the spheres from `first` to before `last` to zeroed `outputs`.\n\n"
-"inputs: cosine (n, N), sine (n, N), centers (N, 3), weight (N,), start (S + 1,) int64,\n"
-"geometry (5, n), mount (45,), columns (F,) int64. outputs: weight (S,), reference (S, 3),\n"
+"inputs: cosine (n, N), sine (n, N), slide (P, N), centers (N, 3), weight (N,),\n"
+"start (S + 1,) int64, geometry (5, n), direction (n,), slides (n,) int64, mount (45,),\n"
+"columns (F,) int64, values (T, n), torque (n, N) where T is odd and else (0,).\n"
+"outputs: weight (S,), reference (S, 3),\n"
 "moment (S, 3), spread (S, 3), jacobian (S, 3, F), normal (S, P, P) with P = F + 1 rounded up\n"
 "to a multiple of 4, upper tiles only, its column F the deviations. All C-contiguous.\n"
 "Raises ValueError when the sizes do not go together.");
@@ -178,7 +207,7 @@ static PyObject *accumulate(PyObject *module, PyObject *args)
                           &last))
         return NULL;
     if (PyTuple_GET_SIZE(inputs) != INPUTS || PyTuple_GET_SIZE(outputs) != OUTPUTS) {
-        PyErr_SetString(PyExc_ValueError, "expected 8 inputs and 6 outputs");
+        PyErr_SetString(PyExc_ValueError, "expected 13 inputs and 6 outputs");
         return NULL;
     }
     Py_buffer in[INPUTS], out[OUTPUTS];

@@ -6,8 +6,46 @@
  * compiler turns each loop into vector instructions and a block's Jacobian stays in cache.
  */
 
-static void PASS(frames)(const Arm *arm, const double *cosine, const double *sine, long stride,
-                         Frames *f)
+/* what the joints are off by, from the angles read: `basis`, and the angles as they are */
+static void PASS(joint_errors)(const Arm *arm, const JointTerms *terms, Frames *f)
+{
+    const long harmonics = terms->count / 2;
+    for (int i = 0; i < arm->n; ++i) {
+        const double direction = arm->joint[i].direction;
+        lanes c, s, off;
+        for (int l = 0; l < LANES; ++l) {
+            c[l] = f->cosine[i][l];
+            s[l] = direction * f->sine[i][l];
+            off[l] = 0.0;
+        }
+        for (long k = 0; k < harmonics; ++k) {
+            double *cosine = f->basis[2 * k][i], *sine = f->basis[2 * k + 1][i];
+            const double *before_c = k ? f->basis[2 * k - 2][i] : NULL;
+            const double *before_s = k ? f->basis[2 * k - 1][i] : NULL;
+            for (int l = 0; l < LANES; ++l) {
+                cosine[l] = k ? before_c[l] * c[l] - before_s[l] * s[l] : c[l];
+                sine[l] = k ? before_s[l] * c[l] + before_c[l] * s[l] : s[l];
+            }
+        }
+        for (long t = 0; t < terms->count; ++t) {
+            const double value = terms->values[t * arm->n + i];
+            for (int l = 0; l < LANES; ++l) {
+                /* of a joint that slides nothing is known by its angle */
+                if (arm->joint[i].slide >= 0)
+                    f->basis[t][i][l] = 0.0;
+                off[l] += value * f->basis[t][i][l];
+            }
+        }
+        for (int l = 0; l < LANES; ++l) {
+            const double cosine = cos(off[l]), sine = direction * sin(off[l]);
+            const double cq = f->cosine[i][l], sq = f->sine[i][l];
+            f->cosine[i][l] = cq * cosine - sq * sine;
+            f->sine[i][l] = sq * cosine + cq * sine;
+        }
+    }
+}
+
+static void PASS(frames)(const Arm *arm, Frames *f)
 {
     lanes ax[3], az[3], ay[3], o[3];
     for (int k = 0; k < 3; ++k)
@@ -21,7 +59,7 @@ static void PASS(frames)(const Arm *arm, const double *cosine, const double *sin
         const JointConstants j = arm->joint[i];
         lanes c, s;
         for (int l = 0; l < LANES; ++l) {
-            const double cq = cosine[i * stride + l], sq = sine[i * stride + l];
+            const double cq = f->cosine[i][l], sq = f->sine[i][l];
             c[l] = cq * j.cos_zero + sq * j.sin_zero;
             s[l] = sq * j.cos_zero - cq * j.sin_zero;
         }
@@ -34,7 +72,7 @@ static void PASS(frames)(const Arm *arm, const double *cosine, const double *sin
                 const double turned = c[l] * ay[k][l] - s[l] * ax[k][l];
                 const double y = j.cos_alpha * turned + j.sin_alpha * az[k][l];
                 const double z = j.cos_alpha * az[k][l] - j.sin_alpha * turned;
-                o[k][l] += j.d * az[k][l] + j.a * x;
+                o[k][l] += (j.d + f->slide[i][l]) * az[k][l] + j.a * x;
                 out->x[k][l] = x;
                 ax[k][l] = j.cos_beta * x - j.sin_beta * z;
                 ay[k][l] = y;
@@ -104,6 +142,16 @@ static void PASS(column)(const Arm *arm, Frames *f, lanes *point, lanes *turned,
         }
     }
     which -= 5 * n;
+    if (which >= 6) {
+        const long i = (which - 6) % n;
+        const double *basis = f->basis[(which - 6) / n][i];
+        lanes felt;
+        for (int l = 0; l < LANES; ++l)
+            felt[l] = scale[l] * basis[l];
+        PASS(turn)(column, f->joint[i].z_joint, point, f->joint[i].o_joint, felt,
+                   arm->joint[i].direction);
+        return;
+    }
     if (which < 3) {
         PASS(slide)(column, f->axis[which], scale);
         return;
@@ -148,14 +196,14 @@ static void PASS(square)(const double *rows, long width, double *normal)
         }
 }
 
-static void PASS(sphere)(const Arm *arm, const Poses *poses, const Columns *columns, long first,
-                         long last, double *rows, SphereOut out)
+static void PASS(sphere)(const Arm *arm, const JointTerms *terms, const Poses *poses,
+                         const Columns *columns, long first, long last, double *rows,
+                         SphereOut out)
 {
     const long width = columns->padded;
     Frames *f = (Frames *)(rows + width * 3 * LANES);
     for (long begin = first; begin < last; begin += LANES) {
         const long size = last - begin < LANES ? last - begin : LANES;
-        double cosine[MOST_JOINTS * LANES], sine[MOST_JOINTS * LANES];
         lanes scale, center[3], turned[3], point[3];
         for (int l = 0; l < LANES; ++l) {
             /* the last block is filled up with its first pose, at no weight */
@@ -164,11 +212,17 @@ static void PASS(sphere)(const Arm *arm, const Poses *poses, const Columns *colu
             for (int k = 0; k < 3; ++k)
                 center[k][l] = poses->centers[3 * row + k];
             for (int i = 0; i < arm->n; ++i) {
-                cosine[i * LANES + l] = poses->cosine[i * poses->count + row];
-                sine[i * LANES + l] = poses->sine[i * poses->count + row];
+                const long slide = arm->joint[i].slide;
+                f->cosine[i][l] = poses->cosine[i * poses->count + row];
+                f->sine[i][l] = poses->sine[i * poses->count + row];
+                f->slide[i][l] = slide < 0 ? 0.0 : poses->slide[slide * poses->count + row];
+                if (terms->count % 2)
+                    f->basis[terms->count - 1][i][l] = terms->torque[i * poses->count + row];
             }
         }
-        PASS(frames)(arm, cosine, sine, LANES, f);
+        if (terms->count)
+            PASS(joint_errors)(arm, terms, f);
+        PASS(frames)(arm, f);
         for (int k = 0; k < 3; ++k)
             for (int l = 0; l < LANES; ++l)
                 turned[k][l] = arm->mount[k][0] * center[0][l] + arm->mount[k][1] * center[1][l]

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -22,6 +22,7 @@ except ImportError:  # not compiled here
     _kernel = None  # type: ignore[assignment, unused-ignore]
 
 MOST_JOINTS = 16
+MOST_TERMS = 9  # of joint errors
 TILE = 4
 #: below this many poses a second thread costs more than it saves
 POSES_PER_THREAD = 2000
@@ -41,9 +42,11 @@ class RawSums:
     normal: Array
 
 
-def available(problem: Problem) -> bool:
+def available(problem: Problem, table: ParameterTable) -> bool:
     """Whether the compiled pass is there and takes such an arm."""
-    return _kernel is not None and len(problem.cosine) <= MOST_JOINTS
+    terms = 0 if table.joint_terms is None else table.joint_terms.count
+    fits = len(problem.cosine) <= MOST_JOINTS and terms <= MOST_TERMS
+    return _kernel is not None and fits
 
 
 @cache
@@ -79,11 +82,13 @@ def raw_sums(problem: Problem, table: ParameterTable, full: Array) -> RawSums:
     outputs = tuple(vars(raw).values())
     size = 5 * table.n
     arm = problem.measured.arm
+    place, turn = full[table.mount].reshape(2, 3)
+    values, torque = _joint_terms(problem, table, full)
     mount = np.concatenate(
         [
-            rotation_matrix(full[size + 3 :]).reshape(-1),
-            full[size : size + 3],
-            left_jacobian(full[size + 3 :]).T.reshape(-1),
+            rotation_matrix(turn).reshape(-1),
+            place,
+            left_jacobian(turn).T.reshape(-1),
             *(
                 part
                 for end in (arm.base_T_dh, arm.dh_T_flange)
@@ -94,12 +99,17 @@ def raw_sums(problem: Problem, table: ParameterTable, full: Array) -> RawSums:
     inputs = (
         problem.cosine,
         problem.sine,
+        problem.slide,
         problem.centers,
         problem.weight,
         problem.start,
         np.ascontiguousarray(full[:size]),
+        np.ascontiguousarray(arm.direction, dtype=np.float64),
+        np.where(arm.prismatic, np.cumsum(arm.prismatic) - 1, -1).astype(np.int64),
         mount,
         table.free_columns,
+        values,
+        torque,
     )
     bounds = _shares(problem)
     if len(bounds) == 2:
@@ -112,6 +122,19 @@ def raw_sums(problem: Problem, table: ParameterTable, full: Array) -> RawSums:
     for share in shares:
         share.result()
     return raw
+
+
+def _joint_terms(problem: Problem, table: ParameterTable, full: Array) -> tuple[Array, Array]:
+    """The joint errors' values (T, n), and the torques (n, N) where compliance is among them."""
+    errors = table.joint_errors(full)
+    if errors is None:
+        return np.zeros((0, table.n)), np.zeros(0)
+    values = np.ascontiguousarray(errors.values)
+    if errors.terms.links is None:
+        return values, np.zeros(0)
+    arm, _ = table.apply(full, problem.measured.arm, problem.measured.probe)
+    torque = replace(errors.terms, harmonics=0).basis(arm, problem.joints)[:, 0]
+    return values, np.ascontiguousarray(torque.T)
 
 
 def _shares(problem: Problem) -> IntArray:

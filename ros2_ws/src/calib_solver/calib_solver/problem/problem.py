@@ -21,10 +21,11 @@ class Problem:
     """N poses of S probed spheres, M certified distances.
 
     `keys` (S, 2) are location and sphere number; the poses of sphere s are rows `start[s]` to
-    `start[s + 1]` of `joints` (N, n), columns of their `cosine` and `sine` (n, N) of direction * q,
-    and rows of `centers` (N, 3), the sphere's centre in the probe frame; `weight` (N,) is 1 or
-    less. `order` (N,) is each row's place in the measurement. `placement` (S,) numbers where the
-    gauge stood: spheres of one location share it unless the gauge was found to have moved.
+    `start[s + 1]` of `joints` (N, n), columns of the `cosine` and `sine` (n, N) of what each joint
+    has turned, of `slide` (P, N), what each of the P prismatic ones has moved (m), and rows of
+    `centers` (N, 3), the sphere's centre in the probe frame; `weight` (N,) is 1 or less. `order`
+    (N,) is each row's place in the measurement. `placement` (S,) numbers where the gauge stood:
+    spheres of one location share it unless the gauge was found to have moved.
     `pairs` (M, 2) are rows of `keys` with one placement, `nominal` (M,) the certificate's distance
     between them, m, and `pair_weight` (M,) 1 or less.
     """
@@ -36,6 +37,7 @@ class Problem:
     joints: Array
     cosine: Array
     sine: Array
+    slide: Array
     centers: Array
     weight: Array
     placement: IntArray
@@ -60,7 +62,9 @@ class Problem:
         order = np.argsort(row, kind='stable')
         start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=len(keys)))])
         joints = poses.joints[order]
-        turned = measured.arm.direction * joints
+        arm = measured.arm
+        moved = arm.direction * arm.uncoupled(joints)
+        turned = np.where(arm.prismatic, 0.0, moved)
         placed = _placements(keys, placement or {})
         pairs = _pairs(placed)
         distances = [measured.gauge.distance(keys[i, 1], keys[j, 1]) for i, j in pairs]
@@ -72,6 +76,7 @@ class Problem:
             frozen(joints),
             frozen(np.cos(turned).T),
             frozen(np.sin(turned).T),
+            frozen(moved[:, arm.prismatic].T),
             frozen(measured.centers()[order]),
             frozen(np.ones(len(poses))),
             placed,

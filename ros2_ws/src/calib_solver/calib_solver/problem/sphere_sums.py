@@ -43,7 +43,7 @@ class SphereSums:
 
 def accumulate(problem: Problem, table: ParameterTable, full: Array) -> SphereSums:
     """The sums at the parameters `full` (all columns of `table`), by its free columns."""
-    if compiled.available(problem) and table.joint_terms is None:
+    if compiled.available(problem, table):
         return accumulate_compiled(problem, table, full)
     return accumulate_numpy(problem, table, full)
 
@@ -142,14 +142,18 @@ def point_jacobian(
     if errors is None:
         return probing_jacobian(arm, probe, joints, centers)
     basis = errors.terms.basis(arm, joints)
-    there = joints + np.einsum('ntj,tj->nj', basis, errors.values)
+    there = joints + arm.coupled(np.einsum('ntj,tj->nj', basis, errors.values))
     point, jacobian = probing_jacobian(arm, probe, there, centers)
     by_term = by_joint(table, arm, jacobian)[:, :, None, :] * basis[:, None, :, :]
     return point, np.concatenate([jacobian, by_term.reshape(*point.shape, -1)], axis=2)
 
 
 def by_joint(table: ParameterTable, arm: Arm, jacobian: Array) -> Array:
-    """How points move with the joints (R, 3, n), m/rad, from their Jacobian by the parameters."""
-    first = table.column('theta_0_1')
-    moved: Array = -arm.direction * jacobian[:, :, first : first + arm.n]
+    """How points move with each joint itself (R, 3, n), m/rad or m/m, from their Jacobian by the
+    parameters; `arm.by_positions` makes of it how they move with the positions counted."""
+    turned, slid = (
+        jacobian[:, :, first : first + arm.n]
+        for first in (table.column('theta_0_1'), table.column('d1'))
+    )
+    moved: Array = arm.direction * np.where(arm.prismatic, slid, -turned)
     return moved

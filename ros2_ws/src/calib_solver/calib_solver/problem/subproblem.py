@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -50,6 +51,7 @@ def take_groups(problem: Problem, groups: Sequence[IntArray]) -> Problem:
         joints=frozen(problem.joints[poses]),
         cosine=frozen(problem.cosine[:, poses]),
         sine=frozen(problem.sine[:, poses]),
+        slide=frozen(problem.slide[:, poses]),
         centers=frozen(problem.centers[poses]),
         weight=frozen(problem.weight[poses]),
         placement=placement,
@@ -66,10 +68,26 @@ def location_folds(problem: Problem) -> list[IntArray]:
     return [np.sort(np.concatenate(groups[i::count])) for i in range(count)]
 
 
-def without(problem: Problem, sums: SphereSums, rows: IntArray) -> tuple[Problem, SphereSums]:
-    """The problem less some rows of its `keys`, and its part of the sums."""
-    groups = gathered(problem, np.setdiff1d(np.arange(len(problem.keys)), rows))
-    return take_groups(problem, groups), taken_sums(sums, np.concatenate(groups))
+@dataclass(frozen=True)
+class Folds:
+    """A problem and what is left out of it in turn; it is cut when first asked for, and once."""
+
+    problem: Problem
+
+    @cached_property
+    def rows(self) -> list[IntArray]:
+        """Rows of `problem.keys` that each fold leaves out."""
+        return location_folds(self.problem)
+
+    @cached_property
+    def _kept(self) -> list[tuple[Problem, IntArray]]:
+        every = np.arange(len(self.problem.keys))
+        kept = [gathered(self.problem, np.setdiff1d(every, rows)) for rows in self.rows]
+        return [(take_groups(self.problem, groups), np.concatenate(groups)) for groups in kept]
+
+    def without(self, sums: SphereSums) -> list[tuple[Problem, SphereSums]]:
+        """Of each fold the problem without it, and its part of the problem's sums."""
+        return [(part, taken_sums(sums, rows)) for part, rows in self._kept]
 
 
 def taken_sums(sums: SphereSums, rows: IntArray) -> SphereSums:

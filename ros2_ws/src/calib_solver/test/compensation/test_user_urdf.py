@@ -59,7 +59,7 @@ def test_the_corrections_are_as_small_as_the_errors(arm: Arm) -> None:
     chain = read_chain(text, 'base_link', 'tool0')
     new = corrected_origins(chain, arm, identified)
     assert set(new) == set(arm.joint_names)
-    for joint in chain.turning:
+    for joint in chain.moving:
         assert np.abs(new[joint.name] - joint.origin).max() < 0.02
     assert off(identified, corrected_urdf(text, arm, identified)) < EXACT
 

@@ -7,10 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated_calibration import iiwa, kr5, passive, random_arm, simulate, turned_kr5
+from simulated_calibration import (
+    iiwa,
+    kr5,
+    on_a_rail,
+    passive,
+    random_arm,
+    simulate,
+    turned_kr5,
+)
+from simulated_joint_errors import LINKS
 
 from calib_model.instruments import Arm, trihedron
-from calib_model.kinematics import ParameterTable, points
+from calib_model.kinematics import Correction, JointTerms, ParameterTable, points
 from calib_model.transforms import RigidTransform
 from calib_solver.problem import kernel as compiled, sphere_sums as sums
 from calib_solver.problem.problem import Problem
@@ -40,21 +49,32 @@ CASES = {
     'directions of -1': (turned_kr5(), FAR_TURNED),
     'seven joints': (iiwa(), FAR_TURNED),
     'passive': (kr5(), passive()),
+    'a rail and a coupled axis': (on_a_rail(), FAR_TURNED),
 }
 
 
 def point_at(problem, table, full):
     """Every pose's point by the plain forward model."""
     arm, probe = table.apply(full, problem.measured.arm, problem.measured.probe)
-    return points(arm, problem.joints, probe.flange_T_probe.apply(problem.centers))
+    there = Correction(arm.joint_names, table.joint_errors(full)).joints(arm, problem.joints)
+    return points(arm, there, probe.flange_T_probe.apply(problem.centers))
+
+
+def with_encoders(table, size=0.0):
+    """The table with encoders' harmonics, that are off by `size` (rad) and not by nothing."""
+    wider = table.with_joint_terms(JointTerms(2))
+    off = size * np.random.default_rng(4).normal(size=len(wider.names) - len(table.names))
+    full = np.append(table.nominal, off)
+    rows = [replace(p, nominal=float(x)) for p, x in zip(wider.parameters, full, strict=True)]
+    return replace(wider, parameters=tuple(rows))
 
 
 @pytest.mark.parametrize('case', CASES)
 def test_every_column_of_the_jacobian_is_the_finite_difference(case):
     problem = Problem.of(scene_of(*CASES[case]).measured)
     measured = problem.measured
-    table = ParameterTable.of(measured.arm, measured.probe)
-    assert len(table.names) == 5 * measured.arm.n + 6
+    table = with_encoders(ParameterTable.of(measured.arm, measured.probe), 1e-2)
+    assert len(table.names) == (5 + 4) * measured.arm.n + 6
     point, jacobian = sums.point_jacobian(
         problem, table, table.nominal, np.arange(len(problem.joints))
     )
@@ -97,15 +117,17 @@ def passes():
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', passes())
-@pytest.mark.parametrize('weighted', [False, True], ids=['equal', 'weighted'])
+@pytest.mark.parametrize('kind', ['equal', 'weighted', 'encoders'])
 @pytest.mark.parametrize('case', CASES)
-def test_the_sums_are_what_each_pose_adds_up_to(case, weighted, name):
+def test_the_sums_are_what_each_pose_adds_up_to(case, kind, name):
     problem = Problem.of(scene_of(*CASES[case], poses=7).measured)
-    if weighted:
+    if kind == 'weighted':
         generator = np.random.default_rng(8)
         problem = replace(problem, weight=generator.uniform(0.01, 1.0, len(problem.joints)))
     table = ParameterTable.of(problem.measured.arm, problem.measured.probe)
-    table = table.frozen_at([0, 7, 13], 'a gap between the free columns')
+    if kind == 'encoders':
+        table = with_encoders(table, 1e-2)
+    table = table.frozen_at([0, 7, 13, len(table.names) - 3], 'a gap between the free columns')
     full = table.nominal + 1e-3 * np.random.default_rng(3).normal(size=len(table.nominal))
     found = getattr(sums, name)(problem, table, full)
     for s, (count, center, mean, spread, gradient, normal) in enumerate(
@@ -133,6 +155,18 @@ def test_spheres_with_more_poses_than_a_block_add_up_the_same():
     np.testing.assert_allclose(long.spread, 90 * short.spread, rtol=1e-9)
     np.testing.assert_allclose(long.gradient, 90 * short.gradient, rtol=1e-9, atol=1e-11)
     np.testing.assert_allclose(long.normal, 90 * short.normal, rtol=1e-9, atol=1e-9)
+
+
+def test_compliance_has_the_same_sums_in_both_passes():
+    problem = Problem.of(scene_of(turned_kr5(), FAR_TURNED).measured)
+    table = ParameterTable.of(problem.measured.arm, problem.measured.probe)
+    table = table.with_joint_terms(JointTerms(3, LINKS))
+    full = table.nominal + 1e-4 * np.random.default_rng(6).normal(size=len(table.nominal))
+    usual = sums.accumulate(problem, table, full)
+    twin = sums.accumulate_numpy(problem, table, full)
+    for field in ('center', 'jacobian', 'spread', 'gradient', 'normal'):
+        one, other = getattr(usual, field), getattr(twin, field)
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(other).max())
 
 
 @pytest.mark.parametrize('seed', range(3))
