@@ -15,6 +15,7 @@ from calib_model.instruments import ActiveProbe, Arm, Gauge, Probe, refuse_impos
 
 #: a reading so many strokes out is in another unit; a stroke or two may be a wrong description
 BEYOND_STROKE = 50
+BEYOND_RAILS = 100.0  # m
 BEYOND_TURNS = 1e4  # rad: no cable takes so many turns, and no cosine keeps its digits
 
 
@@ -105,8 +106,10 @@ class Measurement:
                 f'the arm {self.arm.name} has {self.arm.n} joints'
             )
         self._refuse(~np.isfinite(poses.joints).all(axis=1), 'has a joint that is not finite')
-        turned = (np.abs(poses.joints) > BEYOND_TURNS).any(axis=1)
-        self._refuse(turned, f'has a joint beyond {BEYOND_TURNS:g} rad')
+        beyond, slides = np.abs(poses.joints) > BEYOND_TURNS, self.arm.prismatic
+        self._refuse(beyond[:, ~slides].any(axis=1), f'has a joint beyond {BEYOND_TURNS:g} rad')
+        slid = (np.abs(poses.joints[:, slides]) > BEYOND_RAILS).any(axis=1)
+        self._refuse(slid, f'has a sliding joint beyond {BEYOND_RAILS:g} m: mm for m?')
         self._refuse(
             ~np.isfinite(poses.displacement).all(axis=1), 'has a reading that is no number'
         )

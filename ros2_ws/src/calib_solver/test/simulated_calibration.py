@@ -122,6 +122,26 @@ def on_a_rail() -> Arm:
     return replace(arm, name='on_a_rail', joints=tuple(joints), base_T_dh=base)
 
 
+def with_rail(arm: Arm, joint: int) -> Arm:
+    """The arm with a joint, from 0, that slides."""
+    joints = list(arm.joints)
+    joints[joint] = replace(joints[joint], type=PRISMATIC)
+    return replace(arm, joints=tuple(joints))
+
+
+def stanford() -> Arm:
+    """Two axes that turn, one that slides, and a wrist, as the Stanford arm has them."""
+    rows = [
+        (0.0, -QUARTER, 0.4, 0.0),
+        (0.0, QUARTER, 0.15, 0.0),
+        (0.0, 0.0, 0.3, 0.0),
+        (0.0, -QUARTER, 0.0, 0.0),
+        (0.0, QUARTER, 0.0, 0.0),
+        (0.0, 0.0, 0.2, 0.0),
+    ]
+    return with_rail(arm_of('stanford', rows), 2)
+
+
 def passive() -> PassiveProbe:
     """A seat whose sphere stands off the probe's origin."""
     return PassiveProbe('seat', MOUNT, np.array([0.001, 0.002, 0.01]))

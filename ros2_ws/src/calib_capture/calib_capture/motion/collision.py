@@ -107,7 +107,7 @@ class CollisionCheck:
             self._arm.data,
             self._geometry,
             self._data,
-            np.ascontiguousarray(q, dtype=np.float64),
+            self._arm.configuration(q),
             True,
         )
         return touching
@@ -131,7 +131,7 @@ class CollisionCheck:
         return np.array([results[pair].min_distance for pair in self._own])
 
     def _measure(self, data: pinocchio.GeometryData, q: Array) -> int:
-        posture = np.ascontiguousarray(q, dtype=np.float64)
+        posture = self._arm.configuration(q)
         nearest: int = pinocchio.computeDistances(
             self._arm.model, self._arm.data, self._geometry, data, posture
         )

@@ -35,8 +35,8 @@ class FreePaths:
     def __init__(
         self, arm: Arm, check: CollisionCheck | None, bodies: Bodies | None, limit_margin: float
     ) -> None:
-        self._check = check
-        limits = np.clip(arm.limits, -np.pi, np.pi)
+        self._arm, self._check = arm, check
+        limits = arm.ranges
         self._lower, self._upper = limits[:, 0] + limit_margin, limits[:, 1] - limit_margin
         self.reach = _reach(arm, bodies)
         pairs = check.self_pairs if check is not None else []
@@ -54,7 +54,7 @@ class FreePaths:
         """
         if self._check is None:
             return True
-        check, turned = self._check, np.abs(goal - start)
+        check, turned = self._check, np.abs(self._arm.uncoupled(goal - start)[0])
         return self._piece_free(
             lambda q: check.gap_outside(q, seated), start, goal, self.reach[None] @ turned
         ) and self._piece_free(check.gaps_within, start, goal, self._nearing @ turned)

@@ -33,7 +33,8 @@ class InverseKinematics:
 
     Raises:
         InverseError: the arm's geometry has no known decomposition (it needs a spherical wrist
-            or three axes that are parallel, and no beta), or EAIK is not installed.
+            or three axes that are parallel, no beta, and no joint that slides), or EAIK is not
+            installed.
     """
 
     def __init__(self, arm: Arm, redundant: int = 2) -> None:
@@ -41,11 +42,19 @@ class InverseKinematics:
         self._redundant = redundant
         self._base_inverse = arm.base_T_dh.inverse().matrix()
         self._flange_inverse = arm.dh_T_flange.inverse().matrix()
+        if arm.prismatic.any():
+            slides = arm.joint_names[int(np.argmax(arm.prismatic))]
+            raise InverseError(
+                f'{arm.name}: {slides} slides: plan and capture take arms whose joints all turn'
+            )
         if np.any(arm.geometry[4] != 0.0):
             raise InverseError(f'{arm.name}: no inverse kinematics for an arm with beta')
         if arm.n not in (DECOMPOSED_JOINTS, DECOMPOSED_JOINTS + 1):
             raise InverseError(f'{arm.name}: inverse kinematics needs 6 or 7 joints, got {arm.n}')
         self._six = self._solver([]) if arm.n == DECOMPOSED_JOINTS else None
+        if self._six is None and arm.joints[redundant].coupling is not None:
+            swept = arm.joint_names[redundant]
+            raise InverseError(f'{arm.name}: {swept} is swept, and moves with another joint')
         probe = self._six or self._solver([(redundant, 0.5)])
         if not probe.hasKnownDecomposition():
             raise InverseError(
@@ -82,7 +91,7 @@ class InverseKinematics:
         theta = np.asarray(solution.Q, dtype=np.float64).reshape(-1, self.arm.n)
         # out of reach EAIK answers with the nearest posture, flagged as least squares
         theta = theta[~np.asarray(solution.is_LS, dtype=bool).reshape(-1)]
-        q = (theta + self.arm.geometry[3]) * self.arm.direction
+        q = self.arm.coupled((theta + self.arm.geometry[3]) * self.arm.direction)
         q = _wrapped(q)
         return _distinct(q[self._reaches(q, T_base_flange)])
 
@@ -101,7 +110,10 @@ class InverseKinematics:
                 np.ceil((lower - value) / (2 * np.pi)), np.floor((upper - value) / (2 * np.pi)) + 1
             )
             choices.append([float(value + 2 * np.pi * turn) for turn in turns])
-        return np.array(list(product(*choices))).reshape(-1, self.arm.n)
+        found = np.array(list(product(*choices))).reshape(-1, self.arm.n)
+        # a joint that moves by half of another's turn does not come back with it
+        turned = self.arm.uncoupled(found - branch) / (2 * np.pi)
+        return found[np.abs(turned - np.round(turned)).max(axis=1, initial=0.0) < SAME]
 
     def _reaches(self, q: Array, T_base_flange: Array) -> NDArrayBool:
         if len(q) == 0:

@@ -11,10 +11,11 @@ from calib_model.instruments import Arm, Joint
 
 
 class PinocchioArm:
-    """One revolute joint about z (or -z) per row of the description, the flange as a frame.
+    """One joint about or along z (or -z) per row of the description, the flange as a frame.
 
-    A_i = Tz(d) Rz(theta) Tx(a) Rx(alpha) Ry(beta) is split at the joint: what turns with q is
-    Rz(direction * q), everything after it is the constant placement of the next joint.
+    A_i = Tz(d) Rz(theta) Tx(a) Rx(alpha) Ry(beta) is split at the joint: what moves with q is
+    Rz(direction * q) or Tz(direction * q), everything after it is the constant placement of the
+    next joint. Of a coupled arm the model's joints are at `configuration(q)`.
     """
 
     def __init__(self, arm: Arm) -> None:
@@ -33,9 +34,14 @@ class PinocchioArm:
     def _add_joint(self, joint: Joint, parent: int, placement: pinocchio.SE3) -> int:
         axis = np.array([0.0, 0.0, float(joint.direction)])
         lower, upper = joint.limits
+        kind = (
+            pinocchio.JointModelPrismaticUnaligned
+            if joint.prismatic
+            else pinocchio.JointModelRevoluteUnaligned
+        )
         index: int = self.model.addJoint(
             parent,
-            pinocchio.JointModelRevoluteUnaligned(axis),
+            kind(axis),
             placement,
             joint.name,
             np.array([np.inf]),
@@ -45,9 +51,13 @@ class PinocchioArm:
         )
         return index
 
+    def configuration(self, q: Array) -> Array:
+        """Where the model's joints are (n,) in a posture q (n,)."""
+        return np.asarray(self.arm.uncoupled(q)[0], dtype=np.float64)
+
     def flange_pose(self, q: Array) -> Array:
         """`T_base_flange` (4, 4) of one posture q (n,), m."""
-        pinocchio.framesForwardKinematics(self.model, self.data, np.asarray(q, dtype=np.float64))
+        pinocchio.framesForwardKinematics(self.model, self.data, self.configuration(q))
         pose: Array = self.data.oMf[self.flange_frame].homogeneous.copy()
         return pose
 
@@ -56,11 +66,11 @@ class PinocchioArm:
         jacobian: Array = pinocchio.computeFrameJacobian(
             self.model,
             self.data,
-            np.asarray(q, dtype=np.float64),
+            self.configuration(q),
             self.flange_frame,
             pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED,
         )
-        return jacobian
+        return self.arm.by_positions(jacobian)
 
 
 def _after_joint(joint: Joint) -> pinocchio.SE3:

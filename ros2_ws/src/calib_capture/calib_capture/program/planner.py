@@ -198,14 +198,14 @@ class Planner:
         return tuple(plans), visited
 
     def _home(self) -> Array:
-        limits = np.clip(self.arm.limits, -np.pi, np.pi)
+        limits = self.arm.ranges
         middle: Array = limits.mean(axis=1)
         return middle
 
     def _rest(self, places: Mapping[int, RigidTransform]) -> Array:
         """A posture that keeps clear of the gauge wherever it comes to stand."""
         generator = np.random.default_rng(self.settings.seed)
-        lower, upper = np.clip(self.arm.limits, -np.pi, np.pi).T
+        lower, upper = self.arm.ranges.T
         tried = self._home()
         for _ in range(REST_TRIALS):
             if all(self._clear(tried, place) for place in places.values()):

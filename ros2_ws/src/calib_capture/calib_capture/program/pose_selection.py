@@ -118,7 +118,7 @@ class Information:
     def position_uncertainties(self, information: Array, seed: int = 0) -> Array:
         """Standard uncertainty (m) of a probed position in the arm's base frame at postures
         anywhere between the joint limits (POSTURES,), from the information (F, F)."""
-        limits = np.clip(self._arm.limits, -np.pi, np.pi)
+        limits = self._arm.ranges
         generator = np.random.default_rng(seed)
         joints = generator.uniform(limits[:, 0], limits[:, 1], (POSTURES, self._arm.n))
         own = self.rows(joints, np.zeros((POSTURES, 3)))[:, :, : len(self._sigma)]

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calib_capture.motion.inverse_kinematics import InverseError, InverseKinematics
+from calib_model.instruments import Coupling
 from calib_model.kinematics import forward_kinematics
 from calib_model.transforms import RigidTransform
 
@@ -25,6 +26,27 @@ def test_the_posture_itself_is_among_the_branches(seed, kr5):
     found = InverseKinematics(arm).branches(forward_kinematics(arm, q)[0])
     assert angle_between(found, q).max(axis=1).min() < 1e-6
     assert np.abs(forward_kinematics(arm, found) - forward_kinematics(arm, q)).max() < 1e-9
+
+
+@pytest.mark.parametrize('factor', [1.0, -0.5])
+def test_a_joint_that_moves_with_another_is_found_too(factor, kr5):
+    joints = list(kr5.joints)
+    joints[2] = replace(joints[2], coupling=Coupling(joints[1].name, factor))
+    arm = replace(kr5, joints=tuple(joints))
+    q = np.radians([10.0, 80.0, -60.0, 30.0, 40.0, 50.0])
+    inverse = InverseKinematics(arm)
+    found = inverse.within_limits(inverse.branches(forward_kinematics(arm, q)[0]))
+    assert np.abs(found - q).max(axis=1).min() < 1e-6
+    assert np.abs(forward_kinematics(arm, found) - forward_kinematics(arm, q)).max() < 1e-9
+
+
+def test_an_arm_with_a_rail_is_refused_in_one_line(kr5):
+    joints = list(kr5.joints)
+    joints[0] = replace(joints[0], type='prismatic')
+    with pytest.raises(
+        InverseError, match='slides: plan and capture take arms whose joints all turn$'
+    ):
+        InverseKinematics(replace(kr5, joints=tuple(joints)))
 
 
 def test_an_arm_off_its_base_and_flange_is_found_too(kr5):

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
 from calib_capture.motion.pinocchio_arm import PinocchioArm
+from calib_model.instruments import Coupling
 from calib_model.kinematics import forward_kinematics, point_derivatives
 from calib_model.transforms import RigidTransform
 
@@ -19,6 +22,8 @@ def perturbed(arm, seed):
         type(j)(**{**vars(j), 'direction': int(s)})
         for j, s in zip(changed.joints, flipped, strict=True)
     ]
+    joints[1] = replace(joints[1], type='prismatic')
+    joints[3] = replace(joints[3], coupling=Coupling(joints[2].name, 0.5))
     placed = [RigidTransform(*rng.uniform(-1, 1, (2, 3))) for _ in range(2)]
     return type(arm)(arm.name, tuple(joints), arm.base_frame, arm.flange_frame, *placed)
 
@@ -43,10 +48,11 @@ def test_kr5_stands_where_its_data_sheet_says(kr5):
 
 @pytest.mark.parametrize('name', ['kr5', 'iiwa14'])
 def test_jacobian_is_that_of_the_denavit_hartenberg_arm(name, request):
-    arm = request.getfixturevalue(name)
-    q = np.random.default_rng(3).uniform(-2, 2, arm.n)
-    linear = PinocchioArm(arm).flange_jacobian(q)[:3]
-    assert np.abs(linear - point_derivatives(arm, q, np.zeros(3)).joints[0]).max() < 1e-12
+    plain = request.getfixturevalue(name)
+    for arm in (plain, perturbed(plain, 4)):
+        q = np.random.default_rng(3).uniform(-2, 2, arm.n)
+        linear = PinocchioArm(arm).flange_jacobian(q)[:3]
+        assert np.abs(linear - point_derivatives(arm, q, np.zeros(3)).joints[0]).max() < 1e-12
 
 
 def test_limits_and_speeds_are_the_description_s(kr5):

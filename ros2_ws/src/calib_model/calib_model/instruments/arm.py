@@ -14,6 +14,7 @@ from calib_model.transforms import RigidTransform
 
 NDArrayBool = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
+SLIDE = 1.0  # m
 #: how a description gives its parameters: as in eq. 2, or as Craig does
 CLASSIC, MODIFIED = CONVENTIONS = ('classic', 'modified')
 REVOLUTE, PRISMATIC = JOINT_TYPES = ('revolute', 'prismatic')
@@ -121,6 +122,14 @@ class Arm:
     def limits(self) -> Array:
         """Lower and upper joint limits, shape (n, 2), rad (m of prismatic joints)."""
         return np.array([joint.limits for joint in self.joints])
+
+    @property
+    def ranges(self) -> Array:
+        """Where postures are looked for, (n, 2): within the limits, half a turn either way at most;
+        the whole of a rail, 1 m either way where it has no limits."""
+        turns = np.clip(self.limits, -np.pi, np.pi)
+        slides = np.where(np.isfinite(self.limits), self.limits, [-SLIDE, SLIDE])
+        return np.where(self.prismatic[:, None], slides, turns)
 
     @property
     def velocity(self) -> Array:

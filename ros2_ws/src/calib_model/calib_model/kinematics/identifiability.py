@@ -13,6 +13,7 @@ import numpy as np
 
 from calib_model.instruments import JOINT_PARAMETERS, Arm, PassiveProbe, Probe
 from calib_model.kinematics.parameters import ParameterTable
+from calib_model.kinematics.sliding_axes import freeze_dependent
 
 #: axes closer to parallel than this (rad) take Hayati's beta in place of d
 NEARLY_PARALLEL = 0.05
@@ -33,6 +34,8 @@ def identifiable_table(
     table = _freeze_base(table)
     table = _freeze_flange(table, arm, probe)
     table = _use_hayati(table, arm)
+    if arm.prismatic.any():
+        table = freeze_dependent(table, arm, probe, parallel_joints(arm))
     freed = {column for pattern in free for column in table.matching(pattern)}
     fixed = {column for pattern in fix for column in table.matching(pattern)} - freed
     movable = [column for column in fixed if table.parameters[column].free]

@@ -108,7 +108,7 @@ def compensate_targets(
         CompensationError: the arm reaches none of the rows; names the first (by `place`).
     """
     arm, count = calibrated.nominal, len(targets.position)
-    lower, upper = np.clip(arm.limits, -np.pi, np.pi).T
+    lower, upper = arm.ranges.T
     generator = np.random.default_rng(0)
     tried = np.tile((lower + upper) / 2, (count, 1))
     if start is not None:
@@ -164,11 +164,20 @@ def _nominal_answers(
     arm = calibrated.nominal
     found = reach(arm, calibrated.nominal_tool, targets, start, stay=False)
     # by full turns nearest to the middle of each joint's range
-    middle = np.clip(arm.limits, -np.pi, np.pi).mean(axis=1)
+    middle = arm.ranges.mean(axis=1)
     turned = found.q - 2 * np.pi * np.round((found.q - middle) / (2 * np.pi))
-    turned = np.where(np.isfinite(arm.limits).all(axis=1), turned, found.q)
+    turned = np.where(_turns_freely(arm), turned, found.q)
     answered = (found.miss < EXACT) & arm.within_limits(turned)
     return answered, turned[answered]
+
+
+def _turns_freely(arm: Arm) -> NDArrayBool:
+    """Which joints (n,) a full turn brings back to where they were, and nothing else with them."""
+    free: NDArrayBool = np.isfinite(arm.limits).all(axis=1) & ~arm.prismatic
+    for joint in arm.joints:
+        if joint.coupling is not None:
+            free[arm.joint_names.index(joint.coupling.joint)] = False
+    return free
 
 
 def _really_reach(
@@ -267,4 +276,5 @@ def _obstacle(calibrated: Calibrated, found: Reached, row: int) -> str:
     if joint < 0:
         return f'{1e3 * found.miss[row]:.3g} mm are left, it is stretched out or singular there'
     lower, upper = arm.limits[joint]
-    return f'{arm.joints[joint].name} would pass its limits [{lower:.4f}, {upper:.4f}] rad'
+    moved = arm.joints[joint]
+    return f'{moved.name} would pass its limits [{lower:.4f}, {upper:.4f}] {moved.unit}'

@@ -15,12 +15,13 @@ from calib_solver.compensation.calibrated_arm import Calibrated
 
 @dataclass(frozen=True)
 class AxisOffset:
-    """By how much (rad, in the axis' own direction) an axis really stands further than it shows;
-    `told` is False where no probing tells it."""
+    """By how much (rad, or m of one that slides, in the axis' own direction) an axis really stands
+    further than it shows; `told` is False where no probing tells it."""
 
     axis: str
     offset: float
     told: bool
+    prismatic: bool = False
 
 
 @dataclass(frozen=True)
@@ -37,17 +38,20 @@ def controller_figures(calibrated: Calibrated) -> ControllerFigures:
     """The figures of a calibration.
 
     A joint at q has theta = direction q - theta_0: where theta_0 is smaller than nominal by delta
-    the joint is where the nominal arm has it at q + direction delta.
+    the joint is where the nominal arm has it at q + direction delta. Of one that slides, d says
+    so, with the other sign.
 
     Raises:
         DataError: some joints of the arm say how their controller counts, others do not.
     """
     nominal, identified = calibrated.nominal, calibrated.identified
-    zero = identified.geometry[3] - nominal.geometry[3]
+    changed = identified.geometry - nominal.geometry
+    zero = np.where(identified.prismatic, -changed[2], changed[3])
     axes = []
     for i, axis in enumerate(_axes(identified)):
         offset = -axis.direction * identified.direction[i] * zero[i]
-        axes.append(AxisOffset(axis.name, float(offset) + 0.0, 0 < i < identified.n - 1))
+        told, slides = 0 < i < identified.n - 1, bool(identified.prismatic[i])
+        axes.append(AxisOffset(axis.name, float(offset) + 0.0, told, slides))
     controller = identified.flange_T_controller.matrix()
     tool = np.linalg.inv(controller) @ calibrated.identified_tool.matrix()
     return ControllerFigures(tuple(axes), tool[:3, 3].copy(), abc(tool[:3, :3]))
@@ -103,7 +107,9 @@ def figures_text(figures: ControllerFigures) -> str:
     lines = ['axis offsets: what the axis really is, less what is shown (deg)']
     for axis in figures.axes:
         why = '' if axis.told else '   not told: it moves the base or the tool'
-        lines.append(f'  {axis.axis:12}{np.degrees(axis.offset):+10.4f}{why}')
+        shown = 1e3 * axis.offset if axis.prismatic else np.degrees(axis.offset)
+        unit = '   mm' if axis.prismatic else ''
+        lines.append(f'  {axis.axis:12}{shown:+10.4f}{unit}{why}')
     lines.append('tool frame of the probe on the flange (mm, deg)')
     for names, values in (('XYZ', 1e3 * figures.xyz), ('ABC', np.degrees(figures.abc))):
         row = (f'{name} {value:+.4f}' for name, value in zip(names, values, strict=True))

@@ -47,10 +47,12 @@ def _jumps(arm: Arm, done: Compensated, table: TargetTable) -> Iterator[str]:
     for row in map(int, np.flatnonzero(jumps(done.nominal, done.joints))):
         step = done.joints[row + 1] - done.joints[row]
         joint = int(np.abs(step).argmax())
-        yield (
-            f'{_rows(table, row, row + 1)}: {arm.joint_names[joint]} jumps by '
-            f'{np.degrees(step[joint]):+.2f} deg'
+        jump = (
+            f'{1e3 * step[joint]:+.2f} mm'
+            if arm.prismatic[joint]
+            else f'{np.degrees(step[joint]):+.2f} deg'
         )
+        yield f'{_rows(table, row, row + 1)}: {arm.joint_names[joint]} jumps by {jump}'
 
 
 def _too_fast(arm: Arm, done: Compensated, table: TargetTable) -> Iterator[str]:
@@ -63,9 +65,11 @@ def _too_fast(arm: Arm, done: Compensated, table: TargetTable) -> Iterator[str]:
     speed = np.abs(step) / np.where(seconds > 0, seconds, np.inf)[:, None]
     for row in map(int, np.flatnonzero((speed > arm.velocity).any(axis=1))):
         joint = int((speed[row] / arm.velocity).argmax())
+        moved = arm.joints[joint]
         yield (
-            f'{_rows(table, row, row + 1)}: {arm.joint_names[joint]} would have to turn at '
-            f'{speed[row, joint]:.4g} rad/s, it can {arm.velocity[joint]:.4g}'
+            f'{_rows(table, row, row + 1)}: {moved.name} would have to '
+            f'{"slide" if moved.prismatic else "turn"} at {speed[row, joint]:.4g} {moved.unit}/s, '
+            f'it can {moved.velocity:.4g}'
         )
 
 

@@ -160,7 +160,7 @@ def _refuse_another_arm(chain: SerialChain, nominal: Arm, source: str) -> None:
 
 
 def _postures(arm: Arm) -> Array:
-    lower, upper = np.clip(arm.limits, -np.pi, np.pi).T
+    lower, upper = arm.ranges.T
     return np.random.default_rng(0).uniform(lower, upper, (POSTURES, arm.n))
 
 

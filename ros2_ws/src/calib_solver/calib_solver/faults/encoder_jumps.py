@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib_model.arrays import Array
+from calib_model.instruments import Arm
 from calib_model.kinematics import ParameterTable, point_derivatives
 from calib_model.measurement import Measurement, ProbingSet
 from calib_solver.faults.residual_projection import TOLD, ResidualProjection
@@ -24,8 +25,8 @@ SMALL = 1e-6  # rad
 
 @dataclass(frozen=True)
 class Jump:
-    """Joint number `joint`, from 0, reads `size` (rad) too much in poses `first` to `last`, from 1;
-    `last` None: from `first` on. It explains `share` of the residuals' variance."""
+    """Joint number `joint`, from 0, reads `size` (rad, m) too much in poses `first` to `last`, from
+    1; `last` None: from `first` on. It explains `share` of the residuals' variance."""
 
     share: float
     joint: int
@@ -43,9 +44,10 @@ class Jump:
         there = self.holds(np.arange(len(poses), dtype=np.int64))
         return without(poses, self.joint, np.where(there, self.size, 0.0))
 
-    def text(self, pose_of: IntArray) -> str:
+    def text(self, arm: Arm, pose_of: IntArray) -> str:
         """What it did; `pose_of` (N,) are the poses' places in the measurement as it was made."""
-        text = f'jumped by {self.size * 1e3:+.3f} mrad near pose {pose_of[self.first - 1] + 1}'
+        size = f'{self.size * 1e3:+.3f} m{arm.joints[self.joint].unit}'
+        text = f'jumped by {size} near pose {pose_of[self.first - 1] + 1}'
         return text if self.last is None else f'{text} and back near {pose_of[self.last - 1] + 1}'
 
 

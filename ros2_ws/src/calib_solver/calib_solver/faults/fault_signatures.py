@@ -72,7 +72,9 @@ def _signatures(residuals: ResidualProjection, pose_of: IntArray) -> Iterator[Fa
     moments = places[np.unique(np.linspace(2, len(places) - 2, MOMENTS).astype(np.int64))]
     for jump in likely_jumps(residuals, moments):
         name = residuals.arm.joint_names[jump.joint]
-        yield FaultSignature(jump.share, f'joint {name} {jump.text(pose_of)}', 'joint')
+        yield FaultSignature(
+            jump.share, f'joint {name} {jump.text(residuals.arm, pose_of)}', 'joint'
+        )
     yield max((_push(residuals, at, pose_of) for at in moments), key=lambda one: one.share)
 
 

@@ -204,7 +204,7 @@ def _jumps(few: Measurement, solver: Solver, places: IntArray) -> Iterator[Mixup
         return
     for jump in large_jumps(few, solver.table, solver.scale):
         name = few.arm.joint_names[jump.joint]
-        yield Mixup(f'joint {name} put right where it {jump.text(places)}', jump.removed)
+        yield Mixup(f'joint {name} put right where it {jump.text(few.arm, places)}', jump.removed)
 
 
 def _places(count: int) -> IntArray:

@@ -56,9 +56,9 @@ def workspace_at(problem: Problem, table: ParameterTable, full: Array, joints: A
 def over_workspace(
     problem: Problem, table: ParameterTable, full: Array, seed: int = 0
 ) -> Workspace:
-    """At postures drawn evenly between the joint limits, half a turn either way where none are."""
+    """At postures drawn evenly from the joints' ranges."""
     arm = problem.measured.arm
-    limits = np.clip(arm.limits, -np.pi, np.pi)
     generator = np.random.default_rng(seed)
-    joints = generator.uniform(limits[:, 0], limits[:, 1], (POSTURES, arm.n))
+    lower, upper = arm.ranges.T
+    joints = generator.uniform(lower, upper, (POSTURES, arm.n))
     return workspace_at(problem, table, full, joints)
