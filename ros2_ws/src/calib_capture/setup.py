@@ -23,6 +23,7 @@ setup(
         'console_scripts': [
             'arm = calib_capture.nodes.arm_node:main',
             'capture = calib_capture.nodes.capture_node:main',
+            'place = calib_capture.commands.place:main',
             'plan = calib_capture.commands.plan:main',
             'replay = calib_capture.nodes.replay_node:main',
             'import_csv = calib_capture.commands.import_csv:main',

@@ -39,7 +39,7 @@ DEMO = (
 CAPTURE = (
     OUTPUT,
     Argument('locations', 'to visit, as [1, 2]; empty: all that have a place'),
-    Argument('spheres', 'numbers of the spheres to probe, as [1, 6]; empty: 1, 6, 10 and 14'),
+    Argument('spheres', 'to probe, as [1, 6]; empty: four spread over the gauge'),
     Argument('poses_per_sphere', 'postures around each sphere', '60'),
     Argument('placements', 'path of a YAML file: where the gauge stands', text=True),
     Argument('taught', 'path of a YAML file that keeps taught locations', text=True),

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeVar
 
 from calib_model.descriptions import read_description
@@ -25,6 +26,21 @@ def explained(name: str) -> str:
     """What the parameter `name` is."""
     file, what = FILES[name]
     return f'path of a YAML file: {what}; empty: {file} of {CONFIGURED_BY}'
+
+
+def refuse_other_arm(arm: str, placements: str = '--placements') -> None:
+    """Nothing, where the shipped placements are for this arm; they are taken where none are given.
+
+    Raises:
+        ParameterError: they are not; says how to find some.
+    """
+    shipped = Path(FILES['arm'][0]).stem
+    if arm != shipped:
+        raise ParameterError(
+            f'{arm}: no {placements} given, and those of {CONFIGURED_BY} are for {shipped}: find '
+            'some with `ros2 run calib_capture place --arm ARM.yaml --probe PROBE.yaml --gauge '
+            'GAUGE.yaml places.yaml`'
+        )
 
 
 def configured(name: str, given: str, parse: Callable[[str, str], T]) -> T:

@@ -5,14 +5,16 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from calib_capture import motion, program
-from calib_capture.default_files import FILES, configured
+from calib_capture.default_files import FILES, configured, refuse_other_arm
 from calib_model import descriptions
 from calib_model.command_line import CommandParser, number_from, run_command, whole_from
+from calib_model.instruments import Arm, Gauge, Probe
 from calib_model.progress import Progress
 
 MOST_POSES, MOST_POOL = 100_000, 1000
@@ -51,23 +53,17 @@ def planned(given: argparse.Namespace) -> program.Program:
         DescriptionError: a file cannot be used.
         ProgramError: there is no such program; says which spheres are out of reach.
     """
-    arm = configured('arm', given.arm, descriptions.parse_arm)
-    probe = configured('probe', given.probe, descriptions.parse_probe)
-    gauge = configured('gauge', given.gauge, descriptions.parse_gauge)
+    arm, probe, gauge = described(given)
+    if not given.placements:
+        refuse_other_arm(arm.name)
     placements = configured('placements', given.placements, descriptions.parse_placements)
-    bodies = (
-        descriptions.read_description(given.bodies, motion.parse_bodies)
-        if given.bodies
-        else motion.BodySettings()
-    )
-    default = program.ProgramSettings()
     settings = program.ProgramSettings(
-        spheres=tuple(given.spheres or default.spheres),
+        spheres=tuple(given.spheres or ()),
         poses_per_sphere=given.poses,
         cap=np.radians(given.cap),
         approach=given.approach,
         pool=given.pool,
-        bodies=bodies,
+        bodies=bodies_of(given),
         seed=given.seed,
     )
     return program.Planner(arm, probe, gauge, settings).program(
@@ -75,36 +71,47 @@ def planned(given: argparse.Namespace) -> program.Program:
     )
 
 
-def _parser() -> CommandParser:
-    default = program.ProgramSettings()
-    parser = CommandParser('plan', ABOUT, EXAMPLE)
-    for name, (file, what) in FILES.items():
+def described(given: argparse.Namespace) -> tuple[Arm, Probe, Gauge]:
+    """Arm, probe and gauge of a command's arguments.
+
+    Raises:
+        DescriptionError: a file cannot be used.
+    """
+    return (
+        configured('arm', given.arm, descriptions.parse_arm),
+        configured('probe', given.probe, descriptions.parse_probe),
+        configured('gauge', given.gauge, descriptions.parse_gauge),
+    )
+
+
+def bodies_of(given: argparse.Namespace) -> motion.BodySettings:
+    """The sizes of `--bodies`.
+
+    Raises:
+        DescriptionError: the file cannot be used.
+    """
+    if not given.bodies:
+        return motion.BodySettings()
+    return descriptions.read_description(given.bodies, motion.parse_bodies)
+
+
+def add_files(parser: CommandParser, names: Iterable[str]) -> None:
+    """Options for description files, each with its default."""
+    for name in names:
+        file, what = FILES[name]
         text = f'{what} (default: {file} of calib_bringup)'
         parser.add_argument(f'--{name}', default='', metavar='FILE.yaml', help=text)
-    parser.add_argument(
-        '--locations', type=int, nargs='+', metavar='N', help='to visit (default: all)'
-    )
+
+
+def add_probing(parser: CommandParser) -> None:
+    """Options that say how spheres are probed."""
+    default = program.ProgramSettings()
     parser.add_argument(
         '--spheres',
         type=int,
         nargs='+',
         metavar='N',
-        help=f'to probe (default: {" ".join(map(str, default.spheres))})',
-    )
-    parser.add_argument(
-        '--poses',
-        type=whole_from(1, MOST_POSES),
-        default=default.poses_per_sphere,
-        metavar='N',
-        help='postures around each sphere (default: %(default)s)',
-    )
-    parser.add_argument(
-        '--pool',
-        type=whole_from(1, MOST_POOL),
-        default=default.pool,
-        metavar='N',
-        help='candidates for each pose, of which the most telling are taken (default: %(default)s; '
-        '1: no choosing, planned in half the time)',
+        help='to probe (default: four spread over the gauge, 1 6 10 14 of 15)',
     )
     parser.add_argument(
         '--cap',
@@ -128,6 +135,31 @@ def _parser() -> CommandParser:
         help='sizes of arm, probe and gauge, and where the floor is',
     )
     parser.add_argument('--seed', type=whole_from(0, 2**62), default=default.seed, metavar='N')
+
+
+def _parser() -> CommandParser:
+    default = program.ProgramSettings()
+    parser = CommandParser('plan', ABOUT, EXAMPLE)
+    add_files(parser, FILES)
+    parser.add_argument(
+        '--locations', type=int, nargs='+', metavar='N', help='to visit (default: all)'
+    )
+    parser.add_argument(
+        '--poses',
+        type=whole_from(1, MOST_POSES),
+        default=default.poses_per_sphere,
+        metavar='N',
+        help='postures around each sphere (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--pool',
+        type=whole_from(1, MOST_POOL),
+        default=default.pool,
+        metavar='N',
+        help='candidates for each pose, of which the most telling are taken (default: %(default)s; '
+        '1: no choosing, planned in half the time)',
+    )
+    add_probing(parser)
     return parser
 
 

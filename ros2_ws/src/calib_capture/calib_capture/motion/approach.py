@@ -4,15 +4,14 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio
 
+from calib_capture.motion.newton import reached
 from calib_capture.motion.pinocchio_arm import PinocchioArm
 from calib_model.arrays import Array
 
 STEP = 0.015  # m between the postures of an approach: in between it bends by some 0.1 mm
 EXACT = 1e-7  # m and rad: a way need not be straighter
 ITERATIONS = 8
-DAMPING = 1e-9  # keeps the step finite where the Jacobian is singular
 
 
 def retreat(model: PinocchioArm, q: Array, back: Array, length: float) -> Array | None:
@@ -23,29 +22,17 @@ def retreat(model: PinocchioArm, q: Array, back: Array, length: float) -> Array 
     """
     steps = max(int(np.ceil(length / STEP)), 1)
     start = model.flange_pose(q)
+    goal = start.copy()
     found = np.empty((steps, len(q)))
     here = np.array(q, dtype=np.float64)
     for step in range(steps):
         target = start[:3, 3] + back * length * (step + 1) / steps
-        reached = _reached(model, here, start[:3, :3], target)
-        if reached is None:
+        goal[:3, 3] = target
+        there = reached(model, here, goal, EXACT, ITERATIONS)
+        if there is None:
             return None
-        found[step] = here = reached
+        found[step] = here = there
     return found
-
-
-def _reached(model: PinocchioArm, q: Array, rotation: Array, position: Array) -> Array | None:
-    for _ in range(ITERATIONS):
-        pose = model.flange_pose(q)
-        turn = pinocchio.log3(rotation @ pose[:3, :3].T)
-        off = np.concatenate([position - pose[:3, 3], turn])
-        if np.abs(off).max() < EXACT:
-            return q
-        jacobian = model.flange_jacobian(q)
-        # the shortest of all steps, where a redundant joint leaves several
-        damped = jacobian @ jacobian.T + DAMPING * np.eye(6)
-        q = q + jacobian.T @ np.linalg.solve(damped, off)
-    return None
 
 
 def singular_margin(model: PinocchioArm, q: Array, reach: float) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 
 from calib_capture.motion.bodies import Bodies, Body
 from calib_capture.motion.collision import CollisionCheck
-from calib_capture.motion.rrt_connect import rrt_connect
+from calib_capture.motion.rrt_connect import rrt_connect, shortened
 from calib_model.arrays import Array
 from calib_model.instruments import Arm
 
@@ -74,6 +74,12 @@ class FreePaths:
             )
 
         return free((start, goal), (gap(start), gap(goal)), far)
+
+    def retraced(self, trail: Array) -> Array:
+        """Postures (K, n) from the last of a trail (N, n) that was free back to its first, both
+        left out."""
+        way = shortened(list(trail[::-1]), self.free)
+        return np.array(way[1:-1]).reshape(-1, trail.shape[1])
 
     def between(self, start: Array, goal: Array) -> Array | None:
         """Postures (K, n) to go by from one posture to another, none where the straight way is

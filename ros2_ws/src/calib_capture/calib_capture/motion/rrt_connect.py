@@ -63,7 +63,7 @@ def rrt_connect(
             if met is not None:
                 way = one.back(node)[::-1] + other.back(met)[1:]
                 way = way if trial % 2 == 0 else way[::-1]
-                return np.array(_shortened(way, free)[1:-1]).reshape(-1, len(start))
+                return np.array(shortened(way, free)[1:-1]).reshape(-1, len(start))
         one, other = other, one
     return None
 
@@ -78,8 +78,8 @@ def _connected(tree: _Tree, goal: Array, free: Free) -> int | None:
             return node
 
 
-def _shortened(way: list[Array], free: Free) -> list[Array]:
-    """From every posture on to the farthest one that can be reached straight."""
+def shortened(way: list[Array], free: Free) -> list[Array]:
+    """A way of postures (n,) cut short: from each on to the farthest that is free straight."""
     kept, at = [way[0]], 0
     while at < len(way) - 1:
         ahead = range(len(way) - 1, at + 1, -1)

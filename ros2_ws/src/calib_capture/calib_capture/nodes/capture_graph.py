@@ -17,6 +17,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
+from calib_capture.default_files import refuse_other_arm
 from calib_capture.motion import Trajectory
 from calib_capture.nodes.arm_commander import ArmCommander, node_names
 from calib_capture.nodes.messages import joint_trajectory
@@ -142,7 +143,17 @@ class CaptureNode(Node):
                 f'{self.probe.name} is a passive probe, which does not tell where a commanded arm '
                 "really is: lead the arm by hand, with parameter 'mode' continuous"
             )
+        self.refuse_assumed_places()
         return Planner(self.arm, self.probe, self.gauge, self.asked.program)
+
+    def refuse_assumed_places(self) -> None:
+        """Nothing, where the gauge's places were given or taught, or are the shipped arm's.
+
+        Raises:
+            ParameterError: they are the shipped arm's, and this is another one.
+        """
+        if self.asked.assumed and not self.taught:
+            refuse_other_arm(self.arm.name, "parameter 'placements'")
 
     @property
     def _led(self) -> bool:

@@ -191,13 +191,16 @@ class CaptureRun:
                 earlier = HandGuidedRecord.read(read_note(output, HAND_GUIDED_NOTE), output)
             if earlier is not None:
                 return earlier
+        self._node.refuse_assumed_places()
         placements = self._node.placements
         for number in asked.locations:
             if number not in placements:
                 known = ', '.join(map(str, sorted(placements)))
                 raise RunError(f'location {number} has no place (known: {known})')
         chosen = {number: placements[number] for number in asked.locations or sorted(placements)}
-        return HandGuidedRecord(asked.moving, chosen, asked.program.spheres)
+        return HandGuidedRecord(
+            asked.moving, chosen, asked.program.spheres or self._node.gauge.spread()
+        )
 
     def _summary(self, there: Begun, stopped: bool, seconds: float, remarks: str) -> str:
         output, failure = self._node.asked.output, self._node.failure

@@ -139,7 +139,7 @@ class ParameterReader:
 
     def _program(self) -> ProgramSettings:
         default = ProgramSettings()
-        text = f'numbers of the spheres to probe; empty: {default.spheres}'
+        text = 'spheres to probe; empty: four spread over the gauge, 1, 6, 10 and 14 of 15'
         spheres = self._integers('spheres', text)
         text = 'm, the range of offsets in the probe'
         offsets = self._parameters.numbers('offsets', default.offset, text, _later)
@@ -147,7 +147,7 @@ class ParameterReader:
             raise ParameterError("parameter 'offsets': expected [shortest, longest] in m")
         text = 'deg around the z axis of the gauge from which spheres are probed'
         return ProgramSettings(
-            spheres=spheres or default.spheres,
+            spheres=spheres,
             poses_per_sphere=self._whole(
                 'poses_per_sphere', default.poses_per_sphere, 'postures around each', 1, 10**5
             ),

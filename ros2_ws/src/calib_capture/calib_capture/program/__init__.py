@@ -21,6 +21,14 @@ if TYPE_CHECKING:
         outcome_markers as outcome_markers,
         program_markers as program_markers,
     )
+    from calib_capture.program.place_listing import (
+        placed_text as placed_text,
+        placed_yaml as placed_yaml,
+    )
+    from calib_capture.program.placing import (
+        Placed as Placed,
+        Placer as Placer,
+    )
     from calib_capture.program.planner import (
         Draft as Draft,
         Planner as Planner,

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 
 import numpy as np
 
@@ -30,9 +31,11 @@ LIMITS = 'joint limits'
 SINGULAR = 'near a singularity'
 NO_WAY_BACK = 'no straight way back'
 ON_THE_WAY = ' on the way'
+MOST_BRANCHES, TOGETHER = 1000, 8
 BETWEEN = 'something touches on the way'
 NO_FREE_WAY = 'no free way to it'
-HOPELESS = 300  # hands in vain after which a sphere counts as out of reach
+HOPELESS = 100  # hands in vain after which a sphere counts as out of reach
+POOR = 6  # hands for every candidate, more of which are not tried after these
 
 
 @dataclass(frozen=True)
@@ -106,6 +109,7 @@ class Finder:
         self._reach = reach
         self._model = PinocchioArm(arm)
         self._size = float(np.abs(arm.geometry[[0, 2]]).sum())
+        self._shoulder, self._stretched = stretched(arm)
         self._R_flange_probe = probe.flange_T_probe.rotation
         self._collision: CollisionCheck | None = None
         bodies = None
@@ -120,25 +124,40 @@ class Finder:
             self._collision.put_gauge(T_base_gauge, sphere)
 
     def find(self, hands: Iterator[Hand], wanted: int) -> Candidates:
-        """The branches of one hand after the other until there are `wanted`."""
+        """The branches of one hand after the other until there are `wanted`, or hardly any."""
         candidates = Candidates()
-        for hand in hands:
-            if len(candidates.found) >= wanted:
-                break
-            if candidates.tried == HOPELESS and not candidates.found:
-                break
-            self._take(hand, candidates)
+        while together := list(islice(hands, TOGETHER)):
+            for hand, branches in zip(together, self._branches(together), strict=True):
+                found = len(candidates.found)
+                if found >= wanted or candidates.tried >= HOPELESS + POOR * found:
+                    del candidates.found[wanted:]
+                    return candidates
+                self._take(hand, branches, candidates)
         del candidates.found[wanted:]
         return candidates
 
-    def _take(self, hand: Hand, candidates: Candidates) -> None:
-        branches = self.inverse.branches(hand.T_base_flange, hand.redundant)
+    def take(self, hands: Sequence[Hand], candidates: Candidates, most: int) -> int:
+        """Judge the branches of some hands, of each until `most` are found good; how many hands
+        have one."""
+        reached = 0
+        for hand, branches in zip(hands, self._branches(hands), strict=True):
+            before = len(candidates.found)
+            self._take(hand, branches, candidates, most)
+            reached += len(candidates.found) > before
+        return reached
+
+    def _take(
+        self, hand: Hand, branches: Array, candidates: Candidates, most: int = MOST_BRANCHES
+    ) -> None:
         candidates.tried += 1
+        wanted = len(candidates.found) + most
         if not len(branches):
             candidates.refused.append((None, OUT_OF_REACH))
         inside = 0
         back = -(hand.T_base_flange[:3, :3] @ self._R_flange_probe)[:, 2]
         for posture in branches:
+            if len(candidates.found) == wanted:
+                break
             turned = self._within_limits(self.inverse.within_limits(posture[None]))
             inside += len(turned) > 0
             way, reason = self._judge(turned, back)
@@ -148,6 +167,22 @@ class Finder:
                 kept = turned[self._ways_within_limits(turned, way)]
                 candidates.found.append(Candidate(kept, way, hand.p_probe_sphere))
         candidates.unreachable += inside == 0
+
+    def _branches(self, hands: Sequence[Hand]) -> list[Array]:
+        poses = [hand.T_base_flange for hand in hands]
+        near = [
+            i
+            for i, pose in enumerate(poses)
+            if np.linalg.norm(pose[:3, 3] - self._shoulder) <= self._stretched
+        ]
+        found: list[Array] = [np.empty((0, self.arm.n))] * len(hands)
+        if near:
+            swept = [hands[i].redundant for i in near]
+            for i, branches in zip(
+                near, self.inverse.branches_of([poses[i] for i in near], swept), strict=True
+            ):
+                found[i] = branches
+        return found
 
     def _judge(self, turned: Array, back: Array) -> tuple[Array, str]:
         """The way back (S, n) from the postures (K, n) of a branch, and what speaks against it."""
@@ -206,6 +241,17 @@ class Finder:
         for step in way:
             inside &= self.arm.within_limits(turned + step, self._reach.limit_margin)
         return inside
+
+
+def stretched(arm: Arm) -> tuple[Array, float]:
+    """Where on its first axis an arm begins (3,), and how far from there its flange is at most, m.
+
+    No posture reaches as far: lengths are added as if they were all in line.
+    """
+    a, _, d, *_ = arm.geometry
+    shoulder: Array = arm.base_T_dh.apply(np.array([0.0, 0.0, d[0]]))
+    lengths = abs(a[0]) + np.hypot(a[1:], d[1:]).sum()
+    return shoulder, float(lengths + np.linalg.norm(arm.dh_T_flange.translation))
 
 
 def joints_of(candidates: Sequence[Candidate], n: int) -> Array:

@@ -46,7 +46,7 @@ class FlangePoses:
         self._settings = settings
         self._redundant = redundant
         self._T_probe_flange = np.linalg.inv(probe.flange_T_probe.matrix())
-        self._seat = self._seat_of(probe)
+        self.seat = self._seat_of(probe)
 
     def _seat_of(self, probe: Probe) -> Array:
         """Where in the probe (3,) a sphere sits when the styli are halfway in."""
@@ -83,7 +83,7 @@ class FlangePoses:
             for row, direction, offset in zip(even, outward, offsets, strict=True):
                 T_base_probe = np.eye(4)
                 T_base_probe[:3, :3] = looking_along(-direction, 2 * np.pi * row[2])
-                p_probe_sphere = self._seat + offset
+                p_probe_sphere = self.seat + offset
                 T_base_probe[:3, 3] = p_base_sphere - T_base_probe[:3, :3] @ p_probe_sphere
                 swept = float(lower + row[6] * (upper - lower))
                 yield Hand(T_base_probe @ self._T_probe_flange, p_probe_sphere, swept)

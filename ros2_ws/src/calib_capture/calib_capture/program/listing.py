@@ -59,7 +59,7 @@ def _spheres(program: Program) -> list[str]:
                 ', '.join(f'{reason} {n}' for reason, n in list(reasons.items())[:FREQUENT]),
             ]
         )
-    return _table(rows)
+    return table(rows)
 
 
 def _refusals(program: Program) -> list[str]:
@@ -74,14 +74,14 @@ def _refusals(program: Program) -> list[str]:
     for reason in reasons:
         each = [str(counts[branch, reason]) for branch in branches]
         rows.append([reason, *each, str(_total(counts, reason))])
-    return _table(rows, left=(0,))
+    return table(rows, left=(0,))
 
 
 def _total(counts: Counter[tuple[str, str]], reason: str) -> int:
     return sum(n for (_, other), n in counts.items() if other == reason)
 
 
-def _table(rows: Sequence[Sequence[str]], left: Sequence[int] = (-1,)) -> list[str]:
+def table(rows: Sequence[Sequence[str]], left: Sequence[int] = (-1,)) -> list[str]:
     """Columns under one another, numbers to the right, the columns `left` to the left."""
     columns = len(rows[0])
     to_left = {column % columns for column in left}

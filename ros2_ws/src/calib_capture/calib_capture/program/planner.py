@@ -80,8 +80,10 @@ def refuse_other_lengths(arm: Arm, gauge: Gauge) -> None:
 class Planner:
     """Makes programs for one arm with one probe.
 
+    `finder` judges hands, `hands` gives them, `spheres` are those that are probed.
+
     Raises:
-        InverseError: the arm has no inverse kinematics in closed form.
+        InverseError: the arm has fewer than six joints.
         ProgramError: the offsets asked for are beyond the styli's stroke.
         BodyError: the sizes given for the arm's links are not as many as it has.
     """
@@ -89,13 +91,15 @@ class Planner:
     def __init__(self, arm: Arm, probe: Probe, gauge: Gauge, settings: ProgramSettings) -> None:
         refuse_other_lengths(arm, gauge)
         self.arm = arm
+        self.probe = probe
         self.gauge = gauge
         self.settings = settings
+        self.spheres = settings.spheres or gauge.spread()
         reach = Reach(
             settings.limit_margin, settings.singular_margin, settings.approach, settings.bodies
         )
-        self._finder = Finder(arm, probe, gauge, reach)
-        self._hands = FlangePoses(probe, gauge, settings, self._finder.inverse.redundant_range())
+        self.finder = Finder(arm, probe, gauge, reach)
+        self.hands = FlangePoses(probe, gauge, settings, self.finder.inverse.redundant_range())
         self.information = Information(arm, probe, gauge, settings.choice)
 
     def program(
@@ -120,7 +124,7 @@ class Planner:
         places = {number: placements[number] for number in locations or sorted(placements)}
         drafts: list[Draft] = []
         pace = Pace(progress, 'looking for postures', 'spheres')
-        spheres = self.settings.spheres
+        spheres = self.spheres
         for location, place in places.items():
             found: list[Draft] = []
             for sphere in spheres:
@@ -144,14 +148,14 @@ class Planner:
     def draft(self, T_base_gauge: RigidTransform, location: int, sphere: int) -> Draft:
         """The candidates of one sphere."""
         settings = self.settings
-        self._finder.put_gauge(T_base_gauge, sphere)
+        self.finder.put_gauge(T_base_gauge, sphere)
         key = (settings.seed, location, sphere)
-        hands = self._hands.around(T_base_gauge, sphere, key)
-        found = self._finder.find(hands, settings.pool * settings.poses_per_sphere)
+        hands = self.hands.around(T_base_gauge, sphere, key)
+        found = self.finder.find(hands, settings.pool * settings.poses_per_sphere)
         # where the gauge is not quite where it should be, offsets are what takes spheres too far
-        hands = self._hands.around(T_base_gauge, sphere, (*key, 1), offset_share=0.2)
+        hands = self.hands.around(T_base_gauge, sphere, (*key, 1), offset_share=0.2)
         planned = min(len(found.found), settings.poses_per_sphere)
-        spare = self._finder.find(hands, math.ceil(SPARE_SHARE * planned))
+        spare = self.finder.find(hands, math.ceil(SPARE_SHARE * planned))
         return Draft(location, sphere, found, spare)
 
     def pool(self, T_base_gauge: RigidTransform, draft: Draft) -> Pool:
@@ -180,19 +184,21 @@ class Planner:
         clear of the gauge at all of them. And which of the picked are visited."""
         driven = self.settings.by_approach
         rest = self._rest(places) if driven else self._home()
-        visiting = VisitingOrder(self.arm.velocity, self._finder.ways if driven else None, rest)
+        visiting = VisitingOrder(self.arm.velocity, self.finder.ways if driven else None, rest)
         plans: list[SpherePlan] = []
         visited: list[Indices] = []
+        trail: list[Array] = []  # since the posture of rest
         at = drafts[0].location if drafts else 0
         todo = list(zip(drafts, picked, strict=True))
         for draft, candidates in paced(todo, progress, 'finding free ways', 'spheres'):
             back: Array = np.empty((0, self.arm.n))
             if driven and draft.location != at:
-                back = self._back(visiting.here, rest, at)
-                visiting.here = rest
+                back = self._back(visiting.here, rest, trail)
+                visiting.here, trail = rest, []
             at = draft.location
-            self._finder.put_gauge(places[at], draft.sphere)
+            self.finder.put_gauge(places[at], draft.sphere)
             visits = visiting.visit(candidates)
+            trail += [visit.way for visit in visits]
             plans.append(self._plan(draft, candidates, visits, back))
             visited.append(np.array([visit.item for visit in visits], dtype=np.int64))
         return tuple(plans), visited
@@ -216,14 +222,17 @@ class Planner:
         )
 
     def _clear(self, q: Array, place: RigidTransform) -> bool:
-        self._finder.put_gauge(place)
-        return self._finder.ways.clear(q)
+        self.finder.put_gauge(place)
+        return self.finder.ways.clear(q)
 
-    def _back(self, here: Array, rest: Array, location: int) -> Array:
-        """The way (K, n) from `here` to `rest`, ends included; the gauge is where it was put."""
-        between = self._finder.ways.between(here, rest)
+    def _back(self, here: Array, rest: Array, trail: Sequence[Array]) -> Array:
+        """The way (K, n) from `here` to `rest`, ends included; the gauge is where it was put.
+
+        Where none is found it leads back by the ways of the location, its `trail`.
+        """
+        between = self.finder.ways.between(here, rest)
         if between is None:
-            raise ProgramError(f'location {location}: no free way back from its last pose')
+            between = self.finder.ways.retraced(np.vstack([rest, *trail, here]))
         return np.vstack([here, between])
 
     def _plan(
@@ -272,8 +281,8 @@ class Planner:
             return None
 
         def way_to(start: Array, pose: PlannedPose) -> Array | None:
-            self._finder.put_gauge(places[pose.location], pose.sphere)
-            return self._finder.way_from(start, pose.approach[0])
+            self.finder.put_gauge(places[pose.location], pose.sphere)
+            return self.finder.way_from(start, pose.approach[0])
 
         return way_to
 
@@ -281,8 +290,8 @@ class Planner:
         """What keeps the arm from getting away from where it stands."""
 
         def touching(here: Array, pose: PlannedPose) -> str:
-            self._finder.put_gauge(places[pose.location], pose.sphere)
-            return self._finder.contact(here)
+            self.finder.put_gauge(places[pose.location], pose.sphere)
+            return self.finder.contact(here)
 
         return touching
 

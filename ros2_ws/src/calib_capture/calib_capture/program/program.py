@@ -22,6 +22,7 @@ class ProgramError(CalibrationError):
 class ProgramSettings:
     """What the program is asked for.
 
+    `spheres` are numbers on the certificate; none: four spread over the gauge (`Gauge.spread`).
     `cap` (rad) is the half angle of the cap of directions from which a sphere is probed, around
     the gauge's z axis. `offset` (m) is the range of lengths by which the sphere is held off the
     probe's centre: without it eq. 15 has no rank. `limit_margin` (rad) keeps off joint limits,
@@ -37,7 +38,7 @@ class ProgramSettings:
     chosen, and take twice as long to plan; a larger pool adds little.
     """
 
-    spheres: tuple[int, ...] = (1, 6, 10, 14)
+    spheres: tuple[int, ...] = ()
     poses_per_sphere: int = 60
     cap: float = np.radians(70.0)
     offset: tuple[float, float] = (0.0010, 0.0015)

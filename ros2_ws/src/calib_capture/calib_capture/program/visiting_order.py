@@ -13,7 +13,7 @@ from calib_capture.motion import FreePaths, travel_time
 from calib_capture.program.candidates import Candidate
 from calib_model.arrays import Array
 
-DETOURS = 3  # of the nearest postures, before one that can be reached straight is looked for
+STRAIGHT, DETOURS = 10, 3  # of the nearest postures are tried: straight, then by a detour
 
 
 @dataclass(frozen=True)
@@ -64,14 +64,14 @@ class VisitingOrder:
         ways = self._ways
         if ways is None:
             return int(nearest[0]), np.empty((0, ends.shape[1]))
-        for row in nearest[:DETOURS]:
+        for row in nearest[:STRAIGHT]:
             if ways.free(self.here, ends[row]):
                 return int(row), self.here[None]
         for row in nearest[:DETOURS]:
             between = ways.between(self.here, ends[row])
             if between is not None:
                 return int(row), np.vstack([self.here, between])
-        for row in nearest[DETOURS:]:
+        for row in nearest[STRAIGHT:]:
             if ways.free(self.here, ends[row]):
                 return int(row), self.here[None]
         return None

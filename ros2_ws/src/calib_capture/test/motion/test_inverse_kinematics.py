@@ -123,12 +123,21 @@ def test_seven_joints_are_solved_for_a_given_redundant_joint(seed, iiwa14):
     assert np.abs(forward_kinematics(arm, found) - forward_kinematics(arm, q)).max() < 1e-9
 
 
-def test_an_identified_arm_is_refused_with_a_line(kr5):
-    arm = kr5
-    off = arm.with_geometry(arm.geometry + 1e-3)
-    with pytest.raises(InverseError, match='beta'):
-        InverseKinematics(off)
-    geometry = arm.geometry.copy()
-    geometry[:4] += np.random.default_rng(0).normal(scale=1e-3, size=(4, 6))
-    with pytest.raises(InverseError, match='no closed form'):
-        InverseKinematics(arm.with_geometry(geometry))
+@settings(max_examples=15)
+@given(seed=SEEDS)
+def test_an_arm_without_a_closed_form_is_solved_too(seed, kr5, iiwa14):
+    rng = np.random.default_rng(seed)
+    for plain in (kr5, iiwa14):
+        off = np.zeros_like(plain.geometry)
+        off[:] = rng.normal(scale=2e-3, size=off.shape)  # beta of every joint too
+        arm = plain.with_geometry(plain.geometry + off)
+        poses = forward_kinematics(arm, rng.uniform(*arm.limits.T, (8, arm.n)))
+        found = InverseKinematics(arm).branches_of(list(poses), [None] * 8)
+        assert sum(len(each) > 0 for each in found) >= 7
+        for pose, each in zip(poses, found, strict=True):
+            assert np.abs(forward_kinematics(arm, each) - pose).max(initial=0) < 1e-9
+
+
+def test_an_arm_of_fewer_than_six_joints_is_refused_with_a_line(kr5):
+    with pytest.raises(InverseError, match='needs at least 6 joints, got 5'):
+        InverseKinematics(replace(kr5, joints=kr5.joints[:5]))

@@ -32,7 +32,7 @@ def joints(program):
 @pytest.mark.slow
 def test_every_chosen_sphere_of_every_location_gets_all_its_poses(program, placements):
     planned = {(plan.location, plan.sphere): len(plan.poses) for plan in program.spheres}
-    wanted = {(at, sphere) for at in placements for sphere in SETTINGS.spheres}
+    wanted = {(at, sphere) for at in placements for sphere in (1, 6, 10, 14)}
     assert planned == dict.fromkeys(wanted, SETTINGS.poses_per_sphere)
     assert len(program.poses) == len(placements) * 4 * 60
 

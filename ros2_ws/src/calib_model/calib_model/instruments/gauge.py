@@ -12,6 +12,9 @@ import numpy as np
 from calib_model.arrays import Array, frozen
 from calib_model.errors import DataError
 
+#: where along a gauge four spheres lie: 1, 6, 10 and 14 of 15
+SPREAD = (0.0, 5 / 14, 9 / 14, 13 / 14)
+
 
 @dataclass(frozen=True)
 class Expansion:
@@ -54,6 +57,19 @@ class Gauge:
     def numbers(self) -> tuple[int, ...]:
         """The spheres' numbers, in the certificate's order."""
         return tuple(number for number, _ in self.spheres)
+
+    def spread(self, count: int = 4) -> tuple[int, ...]:
+        """Numbers of `count` spheres far apart along the gauge, all where it has no more: 1, 6, 10
+        and 14 of 15 in a row, so that no two distances between neighbours of four are the same."""
+        centers = np.array([center for _, center in self.spheres])
+        if len(centers) <= count:
+            return self.numbers
+        off = centers - centers.mean(axis=0)
+        along = off @ np.linalg.svd(off)[2][0]
+        order = np.argsort(along if along[0] <= 0 else -along, kind='stable')
+        shares = np.interp(np.linspace(0, 1, count), np.linspace(0, 1, 4), SPREAD)
+        places = np.round(shares * (len(centers) - 1)).astype(int)
+        return tuple(self.numbers[order[place]] for place in dict.fromkeys(places.tolist()))
 
     def center(self, number: int) -> Array:
         """The certified centre (3,) of a sphere in the gauge frame, m.
