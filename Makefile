@@ -26,11 +26,13 @@ $(VARIANT): demo ; @:
 endif
 
 demo: setup
+	@echo 'demo: a whole calibration in simulation, about a minute'
 	@source ./env.bash && for variant in $(or $(VARIANT),kr5); do \
 	  python -m calib_bringup.demo --variant $$variant || exit; done
 
 lint:
 	@tools/setup.sh --dev
+	@echo 'lint: ruff and mypy, a minute where mypy has not run before'
 	@source ./env.bash && ruff check . && ruff format --check . && mypy
 
 # Known vulnerabilities of what is pinned. What it finds is told and fails nothing: tomorrow's news
@@ -61,6 +63,7 @@ wheel:
 
 # A file of tests at a time on each worker: what they share is set up once, graphs keep apart.
 test: lint
+	@echo 'test: every test, ten to fifteen minutes on 2 cores; `make unit` takes one'
 	@source ./env.bash && python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
 # What starts no process and no graph and is quick, for between two edits. One thread each, as the

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from uv_settings import variables
 
 pytestmark = pytest.mark.system
 
@@ -155,6 +156,36 @@ def test_nothing_is_made_or_downloaded_where_something_is_missing(
     assert result.returncode != 0
     assert 'preflight: no C++ compiler' in result.stderr
     assert not (clone / '.venv').exists()
+
+
+def test_what_pip_is_configured_to_holds_for_uv_and_its_environment_comes_first() -> None:
+    lines = [
+        ":env:.index-url='https://wheels.example/simple'",
+        ":env:.disable-pip-version-check='1'",
+        "global.index-url='https://other.example/simple'",
+        "global.find-links='/srv/a\\n/srv/b'",
+        "site.no-index='true'",
+    ]
+    assert variables(lines) == {
+        'UV_DEFAULT_INDEX': 'https://wheels.example/simple',
+        'UV_FIND_LINKS': '/srv/a,/srv/b',
+        'UV_OFFLINE': 'true',
+    }
+
+
+def clock(command: str) -> subprocess.CompletedProcess[str]:
+    """Run a command as set-up does that is silent while it works."""
+    text = (ROOT / 'tools' / 'setup.sh').read_text()
+    function = text.partition('with_time() {')[2].partition('\n}\n')[0]
+    script = f'with_time() {{{function.replace("sleep 10", "sleep 0.1")}\n}}\n{command}'
+    return subprocess.run(['bash', '-c', script], capture_output=True, text=True, timeout=30)
+
+
+def test_what_is_silent_while_it_works_is_told_of_and_keeps_its_exit_code() -> None:
+    result = clock('with_time wheels bash -c "sleep 1; exit 7"')
+    assert result.returncode == 7
+    assert result.stdout.startswith('set-up:   wheels, ')
+    assert clock('with_time wheels true').returncode == 0
 
 
 def sourced(command: str, cwd: Path, **variables: str) -> subprocess.CompletedProcess[str]:

@@ -3,6 +3,7 @@
 # Bring .venv and the built workspace up to date; do only what changed since the last time.
 # With --dev also what the tests need.
 set -euo pipefail
+began=$SECONDS
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 cd "$root"
 
@@ -14,6 +15,25 @@ fi
 
 # Prints a stamp of what stands on stdin; the folder is in it because venvs and builds do not move.
 stamp() { { echo "$root"; cat; } | sha256sum | cut -d ' ' -f 1; }
+
+# Runs a command that is silent while it works, and tells every ten seconds that it does.
+with_time() {
+  local what=$1 start=$SECONDS
+  shift
+  (while sleep 10; do echo "set-up:   $what, $((SECONDS - start)) s so far"; done) &
+  local clock=$! code=0
+  "$@" || code=$?
+  kill "$clock" 2>/dev/null || true
+  wait "$clock" 2>/dev/null || true
+  return "$code"
+}
+
+# Says once, when there is much to do, how long that takes.
+takes_time() {
+  [ -z "${told:-}" ] || return 0
+  told=yes
+  echo 'set-up: two to four minutes the first time, most of it downloads and the generated messages'
+}
 
 up_to_date() { [ -f "$1" ] && [ "$(cat "$1")" = "$2" ]; }
 
@@ -27,6 +47,7 @@ make_venv() {
   fi
   local python
   python=$(tools/preflight.sh)
+  takes_time
   echo "set-up: .venv with $("$python" --version)"
   # What was built belongs to the interpreter and the folder it was built with.
   rm -rf .venv ros2_ws/build ros2_ws/install
@@ -34,16 +55,39 @@ make_venv() {
   echo "$root" >.venv/place
 }
 
+# The list is complete, so nothing is left to resolve; modules compile when first imported. empy
+# alone has no wheel. (In a list pip would read these options the other way round.)
+by_pip() {
+  .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-compile \
+    --use-pep517 --only-binary :all: --no-binary empy -r "$1"
+}
+
+# uv loads side by side what pip loads one after the other: several times as fast. It is told what
+# pip is configured to; where it fails all the same, pip has the last word.
+by_uv() {
+  local settings
+  if [ ! -x .venv/bin/uv ]; then
+    sed -n '/^uv==/,/[^\\]$/p' requirements-dev.txt >.venv/uv.txt
+    by_pip .venv/uv.txt || return
+  fi
+  mapfile -t settings < <(.venv/bin/python -m pip config list | .venv/bin/python tools/uv_settings.py)
+  env "${settings[@]}" .venv/bin/uv pip install --quiet --python .venv/bin/python --no-deps \
+    --require-hashes --only-binary :all: --no-binary empy -r "$1"
+}
+
+fetch_wheels() {
+  by_uv "$1" && return
+  echo "set-up: uv could not do it, now by pip" >&2
+  by_pip "$1"
+}
+
 install_wheels() {
   local list=$1 want
   want=$(stamp <"$list")
   up_to_date ".venv/$list" "$want" && return
-  echo "set-up: wheels of $list"
-  # The list is complete, so nothing is left to resolve; modules compile when first imported.
-  # empy alone has no wheel. (In a list pip would read these options the other way round.)
-  .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-compile \
-    --use-pep517 --only-binary :all: --no-binary empy \
-    -r "$list"
+  takes_time
+  echo "set-up: $(grep -c '^[a-z].*==' "$list") wheels of $list"
+  with_time "wheels of $list" fetch_wheels "$list"
   # Where Python may write none by itself, every process would compile what it imports anew.
   if [ -n "${PYTHONDONTWRITEBYTECODE:-}" ]; then
     .venv/bin/python -m compileall -qq -j 0 -x '/(tests?|testing|pip|setuptools)/' \
@@ -72,6 +116,7 @@ build_workspace() {
   done
   [ -n "${PYTHONDONTWRITEBYTECODE:-}" ] && .venv/bin/python -m compileall -qq -j 0 ros2_ws/src
   [ ${#changed[@]} = 0 ] && return
+  takes_time
   echo "set-up: build of ${changed[*]}"
   PATH="$root/.venv/bin:$PATH" AMENT_PREFIX_PATH="$root/.venv" CMAKE_PREFIX_PATH="$root/.venv" \
     build_packages "${changed[@]}"
@@ -85,8 +130,9 @@ build_packages() {
   mkdir -p ros2_ws/log
   # The venv is no colcon workspace, which colcon remarks on; what it says is shown if it fails.
   # Left to itself colcon lets make wait for a quiet machine.
-  if ! (cd ros2_ws && MAKEFLAGS=${MAKEFLAGS:--j$(nproc)} colcon build --symlink-install \
-    --packages-select "$@") >"$log" 2>&1; then
+  if ! (cd ros2_ws && MAKEFLAGS=${MAKEFLAGS:--j$(nproc)} with_time build colcon build \
+    --symlink-install --packages-select "$@") 2>&1 | tee "$log" |
+    sed -u '/^Finished <<< /!{/^set-up: /!d}; s/^Finished <<< /set-up:   built /'; then
     cat "$log" >&2
     echo "set-up: the build failed, see above (also in $log)" >&2
     exit 1
@@ -101,3 +147,4 @@ make_venv
 install_wheels requirements.txt
 [ "${1:-}" = --dev ] && install_wheels requirements-dev.txt
 build_workspace
+[ -z "${told:-}" ] || echo "set-up: done in $((SECONDS - began)) s"

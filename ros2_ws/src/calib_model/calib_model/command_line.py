@@ -25,7 +25,7 @@ GARBAGE = 100_000
 #: the command that starts all others where there is no ROS; argv[0] is then `calib NAME`
 CALIB = 'calib'
 #: modules that only planning, bending links and checking of a URDF need, from the extra `planning`
-PLANNING = {'pinocchio', 'coal', 'eaik'}
+PLANNING = {'pinocchio', 'coal', 'eaik', 'ruckig'}
 
 
 class UsageError(CalibrationError):
@@ -131,7 +131,7 @@ def run_command(work: Callable[[], int | None]) -> int:
         if (error.name or '').partition('.')[0] not in PLANNING:
             raise
         return _refused(
-            CalibrationError('this needs Pinocchio and EAIK, not installed: pip install pin EAIK')
+            CalibrationError('this needs what plans, not installed: pip install pin EAIK ruckig')
         )
     except KeyboardInterrupt:
         return INTERRUPTED

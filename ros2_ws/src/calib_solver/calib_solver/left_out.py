@@ -20,6 +20,7 @@ from calib_solver.fitting import (
     Solver,
     Uncertainty,
     apart,
+    certified_root,
     distance_errors,
     estimate_uncertainty,
     fit_placement,
@@ -110,7 +111,8 @@ def judge_left_out(
         return None
     placed, between = _Placed.at(finer, of_finer), distance_errors(problem, sums)
     prior, wider = fit.kappa * solver.information, solver.wider(fit)
-    positions, distances = [], []
+    root = certified_root(problem)
+    positions, distances, covariances = [], [], []
     for fold in folds:
         quadratic = solver.objective(fold.problem, fold.sums)
         if quadratic.terms < 1:
@@ -128,7 +130,14 @@ def judge_left_out(
         )
         positions.append(placed.errors(of_finer, fold.rows, step, sure))
         if len(fold.pairs):
-            distances.append(_distances(problem, sums, between, fold.pairs, step, sure))
+            own = root[fold.pairs]
+            distances.append(
+                _distances(problem, sums, between, fold.pairs, step, sure, own @ own.T)
+            )
+            covariances.append(sure.covariance)
+    if distances:
+        pairs = [fold.pairs for fold in folds if len(fold.pairs)]
+        distances.append(_in_common(root, between[1], np.mean(covariances, axis=0), pairs))
     return LeftOut(
         by,
         len(folds),
@@ -250,15 +259,14 @@ def _distances(
     rows: IntArray,
     step: Array,
     sure: Uncertainty,
+    certified: Array,
 ) -> _Errors:
-    """Of some of the distances, whose errors and slopes are `between`, after a step (F,) that is
-    so sure."""
+    """Of some of the distances (m,), whose errors and slopes are `between`, after a step (F,) that
+    is so sure; `certified` (m, m) is what the certificate leaves open of them, m^2."""
     slope = between[1][rows]
     error = between[0][rows] + slope @ step
-    gauge = problem.measured.gauge
-    certified = [(gauge.distance_uncertainty(length) / 2) ** 2 for length in problem.nominal[rows]]
     means = _by_means(problem, sums, rows)
-    by_noise = sure.noise**2 * means @ means.T + np.diag(certified)
+    by_noise = sure.noise**2 * means @ means.T + certified
     by_parameters = slope @ sure.covariance @ slope.T
     return _Errors(
         float(error @ error),
@@ -267,6 +275,19 @@ def _distances(
         len(rows),
         float(((by_noise + by_parameters) ** 2).sum()),
     )
+
+
+def _in_common(root: Array, slope: Array, covariance: Array, parts: list[IntArray]) -> _Errors:
+    """What folds have in common adds to what chance may do, to no mean: the gauge is off by the
+    same at every location, and most of what tells the parameters is the same without any one.
+
+    `root` is that of what the certificate leaves open; of B B' the squares sum up as of B' B, which
+    does not grow with the distances.
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    both = np.hstack([root, slope @ (vectors * np.sqrt(np.maximum(values, 0.0)))])
+    squares = [float(((each.T @ each) ** 2).sum()) for each in (both, *(both[p] for p in parts))]
+    return _Errors(0.0, 0.0, 0.0, 0, max(squares[0] - math.fsum(squares[1:]), 0.0))
 
 
 def _by_means(problem: Problem, sums: SphereSums, rows: IntArray) -> Array:

@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     )
     from calib_solver.fitting.uncertainty import (
         Uncertainty as Uncertainty,
+        certified_root as certified_root,
         estimate_uncertainty as estimate_uncertainty,
     )
     from calib_solver.fitting.workspace import (

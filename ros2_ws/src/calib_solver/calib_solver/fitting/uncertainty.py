@@ -169,6 +169,22 @@ def _certified(problem: Problem) -> tuple[Array, IntArray]:
     return np.array([center for _, center in gauge.spheres]), np.array(places, dtype=np.int64)
 
 
+def certified_root(problem: Problem) -> Array:
+    """A root R (D, 3K), m, of the covariance R R' of a problem's certified distances: by the
+    certificate a sphere is off by the same in all its distances and at every location."""
+    certified, place = _certified(problem)
+    pairs = place[problem.pairs]
+    _, unit = apart(certified, pairs)
+    by_center = np.zeros((len(pairs), len(certified), 3))
+    each = np.arange(len(pairs))
+    by_center[each, pairs[:, 0]], by_center[each, pairs[:, 1]] = -unit, unit
+    values, vectors = np.linalg.eigh(certificate_covariance(problem.measured.gauge))
+    root: Array = by_center.reshape(len(pairs), 3 * len(certified)) @ (
+        vectors * np.sqrt(np.maximum(values, 0.0))
+    )
+    return root
+
+
 def certificate_covariance(gauge: Gauge) -> Array:
     """Covariance (3K, 3K) of the coordinates of the gauge's spheres, m^2.
 

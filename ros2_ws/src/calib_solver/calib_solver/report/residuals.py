@@ -6,6 +6,9 @@ from __future__ import annotations
 from calib_solver.report.html import counted, mm, paragraph, part, table
 from calib_solver.results import Record, prior_words
 
+#: a misfit from which on the arm is doubted: twice the scatter, squared. Below it stands beside the
+#: noise, and in the uncertainties: poses that are no strangers to one another are enough for it
+DOUBTED = 4.0
 SHOWN_REJECTED = 50
 OBJECTIVES = {
     'distance_repeatability': 'distance errors and 2 sigma together (eq. 11)',
@@ -27,7 +30,7 @@ def warnings(record: Record) -> list[str]:
     unseen = [p['name'] for p in record['parameters'] if p['free'] and not p['identifiable']]
     if unseen:
         lines.append('Not told by these poses, kept near nominal: ' + ', '.join(unseen))
-    if record['diagnostics']['misfit'] > 1:
+    if record['diagnostics']['misfit'] > DOUBTED:
         lines.append(
             f'The locations scatter {record["diagnostics"]["misfit"]:.2f} times more than the '
             'noise explains: the arm has errors that its parameters cannot say. The stated '

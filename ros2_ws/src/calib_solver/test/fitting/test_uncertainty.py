@@ -13,8 +13,9 @@ from calib_model.arrays import Array
 from calib_model.kinematics import points, probing_jacobian
 from calib_solver.fitting.objectives import OBJECTIVES
 from calib_solver.fitting.options import Options
-from calib_solver.fitting.uncertainty import certificate_covariance
+from calib_solver.fitting.uncertainty import certificate_covariance, certified_root
 from calib_solver.identification import Identification, identify
+from calib_solver.problem import Problem
 
 pytestmark = pytest.mark.timeout(90)
 
@@ -143,6 +144,18 @@ def test_the_certificates_covariance_gives_its_uncertainty_to_every_distance_alo
         variance = slope.reshape(-1) @ covariance @ slope.reshape(-1)
         constant, proportional = GAUGE.constant / 2, GAUGE.proportional / 2 * length
         assert variance == pytest.approx(constant**2 + proportional**2, rel=1e-6)
+
+
+def test_a_certified_distance_is_off_by_the_same_at_every_location():
+    problem = Problem.of(simulate(kr5(), active(), 953, locations=3, poses=2).measured)
+    covariance = certified_root(problem) @ certified_root(problem).T
+    numbers = problem.keys[problem.pairs, 1]
+    for row, (length, pair) in enumerate(zip(problem.nominal, numbers, strict=True)):
+        constant, proportional = GAUGE.constant / 2, GAUGE.proportional / 2 * length
+        assert covariance[row, row] == pytest.approx(constant**2 + proportional**2, rel=1e-6)
+        alike = (numbers == pair).all(axis=1)
+        assert alike.sum() == 3
+        assert covariance[row, alike] == pytest.approx(covariance[row, row], rel=1e-9)
 
 
 def test_positions_over_the_workspace_carry_the_stated_uncertainty():
