@@ -39,8 +39,8 @@ ORDER = {
     'blas_threads',
     'selfcenter_probe': 'nodes commands operator simulation sensing',
     'calib_capture': 'nodes commands replaying recording program motion default_files',
-    'calib_solver': 'nodes commands calibration report results resampling held_out identification '
-    'preparation left_out faults error_models compensation fitting quality problem',
+    'calib_solver': 'nodes commands acceptance calibration report results resampling held_out '
+    'identification preparation left_out faults error_models compensation fitting quality problem',
     'calib_bringup': 'demo launching showing variants processes domains',
 }
 #: loose modules that every room may use; drawn, they would hide the rest

@@ -19,7 +19,7 @@ import pytest
 rclpy = pytest.importorskip('rclpy')
 pytest.importorskip('calib_interfaces.srv')
 
-from calib_interfaces.srv import Compensate, Evaluate, FitProbe, Identify
+from calib_interfaces.srv import Compare, Compensate, Evaluate, FitProbe, Identify, Verify
 from mutations import ROUNDS, dice
 from rclpy.executors import SingleThreadedExecutor
 from soak import note
@@ -35,6 +35,8 @@ SERVICES = {
     'fit_probe': FitProbe,
     'evaluate': Evaluate,
     'compensate': Compensate,
+    'verify': Verify,
+    'compare': Compare,
 }
 TEXTS = (
     '',

@@ -10,7 +10,7 @@ import pytest
 import rclpy
 import yaml
 from calib_interfaces.action import Capture
-from calib_interfaces.srv import Compensate, Evaluate, FitProbe, Identify
+from calib_interfaces.srv import Compare, Compensate, Evaluate, FitProbe, Identify, Verify
 from rclpy.action import ActionClient
 
 from calib_bringup.domains import held_domain
@@ -116,6 +116,9 @@ def test_open_folders_are_read_and_written(graph, places):
         (Evaluate, 'evaluate', {'bag': '/'}),
         (Evaluate, 'evaluate', {'bag': '{demo}/identification', 'gauge': '/etc/shadow'}),
         (Compensate, 'compensate', {'result': '{0}/closed', 'position': [0.5, 0.0, 0.5]}),
+        (Verify, 'verify', {'bag': '{demo}/held_out', 'result': '{0}/closed'}),
+        (Verify, 'verify', {'bag': '{demo}/held_out', 'limits': '/etc/passwd'}),
+        (Compare, 'compare', {'results': ['/etc', '/root']}),
     ],
 )
 def test_everything_else_is_refused_in_one_line(graph, places, kind, name, request_):

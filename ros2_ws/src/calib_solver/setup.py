@@ -44,6 +44,8 @@ setup(
             'identify = calib_solver.commands.identify:main',
             'evaluate = calib_solver.commands.evaluate:main',
             'compensate = calib_solver.commands.compensate:main',
+            'verify = calib_solver.commands.verify:main',
+            'compare = calib_solver.commands.compare:main',
             'kuka_figures = calib_solver.commands.kuka_figures:main',
         ],
     },

@@ -43,6 +43,7 @@ from calib_solver.fitting import (
     DEFAULT_PRIOR,
     LEADING,
     Accumulate,
+    ErrorShares,
     Fit,
     Observability,
     Options,
@@ -52,6 +53,7 @@ from calib_solver.fitting import (
     Solver,
     Uncertainty,
     Workspace,
+    error_shares,
     estimate_uncertainty,
     estimates_of,
     objective,
@@ -105,6 +107,12 @@ class Identification:
         return estimates_of(
             self.table, self.full, self.observability, self.uncertainty, self.options.prior
         )
+
+    @cached_property
+    def error_shares(self) -> ErrorShares:
+        """Where the error of the free parameters comes from."""
+        solver = Solver(self.table, self.options, accumulate)
+        return error_shares(self.problem, solver, self.fit, self.uncertainty.misfit)
 
     @cached_property
     def workspace(self) -> Workspace:

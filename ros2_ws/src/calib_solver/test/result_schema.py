@@ -37,6 +37,7 @@ ADDED_TOP = {
     'joint_errors',
     'correction',
     'files',
+    'readings',
 }
 ADDED_PARAMETER = {'reason'}
 SOLVER = {
@@ -143,7 +144,10 @@ def spheres(records: list[Record]) -> None:
 
 def quality(record: Record, added: set[str] = frozenset()) -> None:
     """Q of the contract."""
-    keys(record, {'phi', 'distance', 'two_sigma', 'position', 'measuring_arm'}, added)
+    keys(
+        record, {'phi', 'distance', 'two_sigma', 'position', 'measuring_arm'}, {'standards', *added}
+    )
+    assert 'not a test' in record['standards']['basis']
     number(record['phi'], 0.0)
     distance(record['distance'])
     two_sigma(record['two_sigma'])

@@ -121,6 +121,27 @@ class Gauge:
             scale=Scale(temperature, factor, standard),
         )
 
+    @property
+    def temperature_uncertainty(self) -> float:
+        """The standard uncertainty (K) that the temperature was given with; 0 without one."""
+        if self.expansion is None or self.scale is None or not self.expansion.coefficient:
+            return 0.0
+        above = self.scale.temperature - self.expansion.reference
+        by_coefficient = self.expansion.uncertainty * above
+        left = max(self.scale.standard_uncertainty**2 - by_coefficient**2, 0.0)
+        return math.sqrt(left) / abs(self.expansion.coefficient)
+
+    def as_certified(self) -> Gauge:
+        """The gauge as its certificate has it, whatever temperature it was taken at."""
+        if self.scale is None:
+            return self
+        factor, standard = self.scale.factor, self.scale.standard_uncertainty
+        shrunk = tuple(
+            (number, (x / factor, y / factor, z / factor)) for number, (x, y, z) in self.spheres
+        )
+        left = max(self.proportional**2 - (2 * standard) ** 2, 0.0)
+        return replace(self, spheres=shrunk, proportional=math.sqrt(left), scale=None)
+
     def pairs(self) -> list[tuple[int, int]]:
         """Every pair of sphere numbers once, in the certificate's order."""
         return list(combinations(self.numbers, 2))

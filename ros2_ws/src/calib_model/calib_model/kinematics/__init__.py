@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from calib_model.kinematics.parameters import (
         DEFAULT_SIGMA as DEFAULT_SIGMA,
         LENGTHS as LENGTHS,
+        PROBE_PARAMETERS as PROBE_PARAMETERS,
         Parameter as Parameter,
         ParameterTable as ParameterTable,
     )

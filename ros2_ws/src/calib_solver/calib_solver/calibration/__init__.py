@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         bag_list as bag_list,
         load as load,
         load_all as load_all,
+        unread_lines as unread_lines,
     )
     from calib_solver.calibration.summary import (
         in_one_line as in_one_line,

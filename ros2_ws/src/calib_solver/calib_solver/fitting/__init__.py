@@ -6,6 +6,11 @@ from typing import TYPE_CHECKING
 from calib_model.lazy import lazily
 
 if TYPE_CHECKING:
+    from calib_solver.fitting.error_sources import (
+        ErrorShares as ErrorShares,
+        PoseNoise as PoseNoise,
+        error_shares as error_shares,
+    )
     from calib_solver.fitting.levenberg_marquardt import (
         Fit as Fit,
         linear_step as linear_step,
@@ -60,6 +65,7 @@ if TYPE_CHECKING:
     from calib_solver.fitting.uncertainty import (
         Uncertainty as Uncertainty,
         certified_root as certified_root,
+        certificate_covariance as certificate_covariance,
         estimate_uncertainty as estimate_uncertainty,
     )
     from calib_solver.fitting.workspace import (

@@ -98,9 +98,7 @@ def _told_and_untold(
 ) -> tuple[Array, Array]:
     """The inverse (F, F) along what was held in the fit, and the covariance (F, F) of the rest: the
     prior's own, which had no weight where nothing was left over, or `UNKNOWN` without one."""
-    sigma = np.full(len(information), UNKNOWN)
-    known = information > 0
-    sigma[known] = np.sqrt((strength * np.ones(len(sigma)))[known] / information[known])
+    sigma = prior_width(information, strength)
     values, vectors = np.linalg.eigh(sigma[:, None] * hessian * sigma)
     held = values > ROUNDING * values.max(initial=1e-300)
     if held.all():
@@ -110,22 +108,48 @@ def _told_and_untold(
     return inverse, axes[:, ~held] @ axes[:, ~held].T
 
 
-def gradient_noise(problem: Problem, name: str, sums: SphereSums) -> GradientNoise:
-    """The gradient's covariance for an objective, sphere by sphere."""
+def prior_width(information: Array, strength: Array | float) -> Array:
+    """How far the parameters (F,) may be from nominal, m or rad: `UNKNOWN` without a prior."""
+    width = np.full(len(information), UNKNOWN)
+    known = information > 0
+    width[known] = np.sqrt((strength * np.ones(len(width)))[known] / information[known])
+    return width
+
+
+@dataclass(frozen=True)
+class GradientSlopes:
+    """How the gradient of an objective goes with what is random: `weight` (S,) times a pose's
+    centred Jacobian with the pose itself, `leverage` (S, 3, F) with a sphere's mean, `by_center`
+    (3K, F) with the coordinates of the gauge's K spheres."""
+
+    weight: Array
+    leverage: Array
+    by_center: Array
+
+
+def gradient_slopes(problem: Problem, name: str, sums: SphereSums) -> GradientSlopes:
+    """The slopes for an objective, sphere by sphere."""
     spheres, free = sums.gradient.shape
-    by_pose: Array = np.zeros((spheres, free, free))
+    weight: Array = np.zeros(spheres)
     leverage: Array = np.zeros((spheres, 3, free))
     by_center: Array = np.zeros((3 * len(problem.measured.gauge.spheres), free))
     if name in ('distance_repeatability', 'position'):
-        weight = repeatability_weights(sums) if name == 'distance_repeatability' else 1.0
-        by_pose += np.reshape(weight**2 * np.ones(spheres), (-1, 1, 1)) * sums.normal
+        weight = weight + (repeatability_weights(sums) if name != 'position' else 1.0)
     if name in ('distance_repeatability', 'distance'):
         leverage, by_center = _distance_leverage(problem, sums)
     if name == 'position':
         leverage, by_center = _position_leverage(problem, sums)
-    by_pose += np.einsum('skf,skg,s->sfg', leverage, leverage, 1 / np.maximum(sums.count, 1))
+    return GradientSlopes(weight, leverage, by_center)
+
+
+def gradient_noise(problem: Problem, name: str, sums: SphereSums) -> GradientNoise:
+    """The gradient's covariance for an objective, sphere by sphere."""
+    slopes = gradient_slopes(problem, name, sums)
+    by_pose = slopes.weight[:, None, None] ** 2 * sums.normal + np.einsum(
+        'skf,skg,s->sfg', slopes.leverage, slopes.leverage, 1 / np.maximum(sums.count, 1)
+    )
     certificate = certificate_covariance(problem.measured.gauge)
-    return GradientNoise(by_pose, by_center.T @ certificate @ by_center)
+    return GradientNoise(by_pose, slopes.by_center.T @ certificate @ slopes.by_center)
 
 
 def _distance_leverage(problem: Problem, sums: SphereSums) -> tuple[Array, Array]:

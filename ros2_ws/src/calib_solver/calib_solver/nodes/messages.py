@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from calib_interfaces.msg import (
+    CalibrationChange,
     Diagnostics,
     DistanceQuality,
     GaugeScale,
@@ -16,7 +17,9 @@ from calib_interfaces.msg import (
     LeftOut,
     LeftOutGain,
     LengthQuality,
+    LimitJudgement,
     MeasuringArm,
+    ParameterChange,
     PositionQuality,
     PriorChoice,
     PriorWidth,
@@ -31,6 +34,7 @@ from calib_interfaces.msg import (
     RigidTransform,
     SinglePointQuality,
     SolverReport,
+    StandardFigures,
     TriedJointErrors,
     TwoSigmaQuality,
 )
@@ -72,6 +76,7 @@ def quality(record: Record) -> Quality:
         two_sigma=filled(TwoSigmaQuality(), record['two_sigma']),
         position=filled(PositionQuality(), record['position']),
         measuring_arm=measuring_arm(record['measuring_arm']),
+        standards=filled(StandardFigures(), record['standards']),
     )
 
 
@@ -172,6 +177,34 @@ def correction(record: Record) -> RepeatabilityCorrection:
             setattr(message, name, quality(judged))
     message.has_quality = of_both['identified'] is not None
     message.has_test = of_both['test'] is not None
+    return message
+
+
+def limits(records: list[Record]) -> list[LimitJudgement]:
+    """How a calibration stands to each limit."""
+    return [filled(LimitJudgement(), record) for record in records]
+
+
+def change(record: Record) -> CalibrationChange:
+    """What changed from one calibration to the next."""
+    there = record['positions']
+    message = filled(
+        CalibrationChange(),
+        {
+            'earlier': record['earlier'],
+            'later': record['later'],
+            'changed': record['verdict'] == 'changed',
+            'chance': record['chance'],
+            'arm_changed': record['arm']['changed'],
+            'probe_changed': record['probe']['changed'],
+            'position_rms': there['rms'],
+            'position_max': there['max'],
+            'position_standard_uncertainty': there['standard_uncertainty'],
+            'max_position': there['max_position'],
+            'share_beyond': there['share_beyond'],
+        },
+    )
+    message.parameters = [filled(ParameterChange(), one) for one in record['parameters']]
     return message
 
 

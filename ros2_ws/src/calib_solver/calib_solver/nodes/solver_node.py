@@ -12,7 +12,7 @@ from threading import Lock
 from typing import Any
 
 import numpy as np
-from calib_interfaces.srv import Compensate, Evaluate, FitProbe, Identify
+from calib_interfaces.srv import Compare, Compensate, Evaluate, FitProbe, Identify, Verify
 from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
@@ -21,7 +21,7 @@ from visualization_msgs.msg import MarkerArray
 from calib_model.bags import Temperature
 from calib_model.bounds import TEMPERATURE
 from calib_model.command_line import run_command
-from calib_model.errors import CalibrationError
+from calib_model.errors import CalibrationError, DataError
 from calib_model.files import (
     Folders,
     NotPermittedError,
@@ -32,6 +32,7 @@ from calib_model.files import (
 from calib_model.labelling import RawSettings
 from calib_model.nodes import NodeCommand, Parameters, qos_of, run_node
 from calib_model.topics import SOLVER_MARKERS, RawTopics
+from calib_solver import acceptance
 from calib_solver.calibration import (
     Effort,
     Sources,
@@ -48,10 +49,12 @@ from calib_solver.identification import Identification
 from calib_solver.nodes import messages
 from calib_solver.nodes.residual_markers import residuals
 from calib_solver.resampling import Plan
+from calib_solver.results import checked_limits
 
 ABOUT = """\
 The solver: answers /identify (eq. 11), /fit_probe (eq. 15) and /evaluate on recorded bags,
-and /compensate with joint commands that really get there."""
+/compensate with joint commands that really get there, /verify with how a calibration does on new
+poses, and /compare with what changed between calibrations."""
 EXAMPLE = """\
 ros2 run calib_solver solver
   ros2 service call /identify calib_interfaces/srv/Identify "{bag: 'bags/demo/identification'}\""""
@@ -110,7 +113,8 @@ def read_parameters(
 
 
 class SolverNode(Node):
-    """Answers `/identify`, `/fit_probe`, `/evaluate` and `/compensate`, several calls at once."""
+    """Answers `/identify`, `/fit_probe`, `/evaluate`, `/compensate`, `/verify` and `/compare`,
+    several calls at once."""
 
     def __init__(self) -> None:
         super().__init__('solver')
@@ -125,12 +129,15 @@ class SolverNode(Node):
             (FitProbe, 'fit_probe', self._fit_probe, short),
             (Evaluate, 'evaluate', self._evaluate, short),
             (Compensate, 'compensate', self._compensate, short),
+            (Verify, 'verify', self._verify, short),
+            (Compare, 'compare', self._compare, short),
         )
         self._offered = [
             self.create_service(kind, name, self._guarded(work), callback_group=group)
             for kind, name, work, group in services
         ]
-        self.get_logger().info('ready: /identify, /fit_probe, /evaluate, /compensate')
+        offered = ', '.join(f'/{name}' for _, name, *_ in services)
+        self.get_logger().info(f'ready: {offered}')
 
     def _guarded(self, work: Callable[[Any, Any], None]) -> Callable[[Any, Any], Any]:
         """The service callback of `work`: our own errors become an answer, the node lives on."""
@@ -266,6 +273,37 @@ class SolverNode(Node):
         response.written = [str(path) for path in finished.written]
         response.message = '; '.join((finished.verdict, *finished.notes))
 
+    def _verify(self, request: Verify.Request, response: Verify.Response) -> None:
+        self._opened.permit(
+            [request.bag, request.result, request.gauge, request.limits], request.output
+        )
+        sources = Sources(bag_list(request.bag), gauge=request.gauge)
+        found = acceptance.verify(sources, request.result, request.limits, more=_limits(request))
+        if request.output:
+            response.written = [str(acceptance.write_verification(found, request.output))]
+        record = found.record()
+        response.verdict, response.within = record['verdict'], record['stated']['within']
+        response.limits = messages.limits(record['limits'])
+        for name in ('position', 'distance'):
+            stated = record['stated'][name] or {'stated': math.nan, 'bound': math.nan}
+            setattr(response, f'{name}_stated', stated['stated'])
+            setattr(response, f'{name}_bound', stated['bound'])
+        response.quality = messages.quality(record['quality'])
+        response.nominal = messages.quality(record['nominal'])
+        response.spheres = messages.spheres(record['spheres'])
+        response.message = '; '.join(acceptance.verification_lines(found)[::-1])
+
+    def _compare(self, request: Compare.Request, response: Compare.Response) -> None:
+        self._opened.permit(list(request.results), request.output)
+        found = acceptance.compare(list(request.results))
+        if request.output:
+            response.written = [str(acceptance.write_comparison(found, request.output))]
+        record = found.record()
+        response.verdict = record['verdict']
+        response.order = [one['folder'] for one in record['results']]
+        response.changes = [messages.change(step) for step in record['steps']]
+        response.message = '; '.join((found.verdict, *found.notes))
+
 
 class _AtMost(CallbackGroup):
     """Callbacks of which only so many are under way at a time; the others' requests wait."""
@@ -299,6 +337,18 @@ def _sources(request: Any) -> Sources:
 
 def _descriptions(request: Any) -> tuple[str, str, str]:
     return request.arm, request.probe, request.gauge
+
+
+def _limits(request: Verify.Request) -> dict[str, float]:
+    """The limits that stand in a request itself.
+
+    Raises:
+        CalibrationError: there are not as many values as names, or one is unknown.
+    """
+    names, values = list(request.limit_names), list(request.limit_values)
+    if len(names) != len(values):
+        raise DataError(f'limit_values: expected {len(names)}, one a name, got {len(values)}')
+    return checked_limits(dict(zip(names, values, strict=True)))
 
 
 def _path(prior: str) -> str:

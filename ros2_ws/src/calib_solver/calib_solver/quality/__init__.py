@@ -18,5 +18,9 @@ if TYPE_CHECKING:
         articulation as articulation,
         lengths as lengths,
     )
+    from calib_solver.quality.standards import (
+        STANDARDS_BASIS as STANDARDS_BASIS,
+        standard_figures as standard_figures,
+    )
 else:
     __getattr__, __dir__, __all__ = lazily(__name__, __file__)

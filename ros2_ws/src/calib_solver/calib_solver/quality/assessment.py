@@ -31,7 +31,8 @@ class Quality:
     """Distance errors `distance` (M,) of eq. 7 for `pairs` (M, 2) rows of `spheres.keys` with
     certified lengths `nominal` (M,); `deviation` (N, 3) of each pose from its sphere's mean, in the
     problem's order (eq. 12 with the other sign), and `position` (N,): each pose's distance to the
-    certificate after a best-fit placement; all in m."""
+    certificate after a best-fit placement; `displaced` (S,) is each sphere's mean's distance to it,
+    NaN where no other sphere stood there; all in m."""
 
     spheres: ProbedSpheres
     pairs: IntArray
@@ -39,6 +40,7 @@ class Quality:
     distance: Array
     deviation: Array
     position: Array
+    displaced: Array
 
     @property
     def spread(self) -> float:
@@ -83,17 +85,20 @@ def assess(
         problem.nominal,
         np.abs(measured - problem.nominal),
         deviation,
-        _position_errors(problem, p_base, center),
+        *_position_errors(problem, p_base, center),
     )
 
 
-def _position_errors(problem: Problem, p_base: Array, center: Array) -> Array:
+def _position_errors(problem: Problem, p_base: Array, center: Array) -> tuple[Array, Array]:
+    """Of each pose (N,), and of the mean of each sphere (S,)."""
     gauge = problem.measured.gauge
     certified = np.array([gauge.center(int(number)) for number in problem.keys[:, 1]])
-    errors = np.empty(len(p_base))
+    errors, displaced = np.empty(len(p_base)), np.full(len(center), np.nan)
     for rows in problem.placements:
         placed = place_gauge(certified[rows], center[rows], problem.counts[rows].astype(float))
+        if len(rows) > 1:
+            displaced[rows] = np.linalg.norm(center[rows] - placed.points, axis=1)
         for row, point in zip(rows, placed.points, strict=True):
             own = problem.rows(int(row))
             errors[own] = np.linalg.norm(p_base[own] - point, axis=1)
-    return errors
+    return errors, displaced

@@ -6,6 +6,22 @@ from typing import TYPE_CHECKING
 from calib_model.lazy import lazily
 
 if TYPE_CHECKING:
+    from calib_solver.report.charts import (
+        Band as Band,
+        Chart as Chart,
+        Series as Series,
+    )
+    from calib_solver.report.html import (
+        UNITS as UNITS,
+        document as document,
+        heading as heading,
+        mm as mm,
+        paragraph as paragraph,
+        section as section,
+        side_by_side as side_by_side,
+        table as table,
+        verdict_box as verdict_box,
+    )
     from calib_solver.report.instruments import (
         Inputs as Inputs,
     )

@@ -26,7 +26,8 @@ class Series:
     """Points x (K,), y (K,); what they stand for, their role, decides colour and mark.
 
     Roles are those of `png.COLOURS` and of the page's style. `joined` draws a line through the
-    points, `fine` makes dots small enough for thousands.
+    points, `fine` makes dots small enough for thousands. `names` (K), where given, are what the
+    pointer is told over each point.
     """
 
     x: Array
@@ -35,6 +36,7 @@ class Series:
     label: str = ''
     joined: bool = False
     fine: bool = False
+    names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

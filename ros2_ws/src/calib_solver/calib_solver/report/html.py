@@ -16,7 +16,7 @@ UNITS = {'m': (MM, 'mm'), 'rad': (DEGREE, '°'), 'rad/(N m)': (1e6, 'µrad/(N m)
 NOTHING = '–'
 
 
-def page(title: str, sections: Sequence[str]) -> str:
+def document(title: str, sections: Sequence[str]) -> str:
     """A whole HTML document."""
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -31,6 +31,17 @@ def page(title: str, sections: Sequence[str]) -> str:
 def section(title: str, *content: str) -> str:
     """A heading with what stands under it."""
     return f'<section><h2>{escape(title)}</h2>{"".join(content)}</section>'
+
+
+def heading(title: str) -> str:
+    """The heading of the page."""
+    return f'<h1>{escape(title)}</h1>'
+
+
+def verdict_box(verdict: str, text: str) -> str:
+    """The verdict, set apart; green where it is `passed` or `within`, red otherwise."""
+    good = verdict in ('passed', 'within')
+    return f'<p class="verdict{"" if good else " bad"}" role="status">{escape(text)}</p>'
 
 
 def part(title: str) -> str:
@@ -99,7 +110,7 @@ def facts(rows: Sequence[tuple[str, str]]) -> str:
     return table('', ('', ''), rows, name='facts')
 
 
-def charts(shown: Sequence[Chart], columns: str = '') -> str:
+def side_by_side(shown: Sequence[Chart], columns: str = '') -> str:
     """Figures side by side where there is room; `columns` 'three' for small ones."""
     style = f'charts {columns}'.strip()
     return f'<div class="{style}">{"".join(map(figure, shown))}</div>' if shown else ''

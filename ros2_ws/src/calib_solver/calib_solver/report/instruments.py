@@ -7,7 +7,6 @@ import hashlib
 import platform
 from collections.abc import Iterable
 from dataclasses import dataclass
-from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -20,11 +19,9 @@ from calib_model.measurement import ProbingSet
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
 from calib_solver.report.html import counted, facts, mm, paragraph, part, table
-from calib_solver.results import scale_words
+from calib_solver.results import reading_times, scale_words
 
 PACKAGES = ('calib_solver', 'calib_model', 'numpy', 'mcap')
-#: stamps (ns) before 2001 are no time of day but a count
-FIRST_DATE = 10**18
 
 
 @dataclass(frozen=True)
@@ -117,10 +114,10 @@ def _span(values: list[int]) -> str:
 
 def _when(poses: ProbingSet) -> str:
     """First and last reading by their stamps, as a time of day where they are one."""
-    first, last = int(poses.stamp.min()), int(poses.stamp.max())
-    if first < FIRST_DATE:
+    span = reading_times(poses)
+    if span is None:
         return 'the readings have no date'
-    begin, end = (datetime.fromtimestamp(t / 1e9, timezone.utc) for t in (first, last))
+    begin, end = span
     until = f'{end:%H:%M:%S}' if begin.date() == end.date() else f'{end:%Y-%m-%d %H:%M:%S}'
     return f'readings stamped {begin:%Y-%m-%d %H:%M:%S} to {until} UTC'
 

@@ -15,7 +15,15 @@ from calib_solver.report.figures import (
     quality_charts,
     residual_charts,
 )
-from calib_solver.report.html import charts, counted, page, paragraph, part, section, warnings_box
+from calib_solver.report.html import (
+    counted,
+    document,
+    paragraph,
+    part,
+    section,
+    side_by_side,
+    warnings_box,
+)
 from calib_solver.report.instruments import Inputs, certificate, inputs, instruments
 from calib_solver.report.parameters import mount, parameters, repetitions
 from calib_solver.report.quality import Columns, full_quality, key_figures, measuring_arm
@@ -47,7 +55,7 @@ def report_html(
         warnings_box(warnings(record)),
         section('In short', key_figures(columns), sure(record)),
         section('What was measured', instruments(done, held_out)),
-        section('Quality', full_quality(columns), charts(quality_charts(done, held_out))),
+        section('Quality', full_quality(columns), side_by_side(quality_charts(done, held_out))),
         section('As a measuring arm', measuring_arm(columns)),
         section(
             'Parameters',
@@ -59,15 +67,15 @@ def report_html(
         section(
             'Residuals',
             paragraph('Each pose against the mean of its sphere (eq. 12), in the arm base frame.'),
-            charts(residual_charts(done, held_out), 'three'),
+            side_by_side(residual_charts(done, held_out), 'three'),
             by_location(record),
             by_joint(record),
-            charts(joint_charts(done), 'three'),
+            side_by_side(joint_charts(done), 'three'),
             rejected(record),
         ),
         beyond(record),
-        section('Workspace', charts(workspace_charts(done, held_out))),
-        section('How it was computed', solver(record), charts([convergence_chart(done)])),
+        section('Workspace', side_by_side(workspace_charts(done, held_out))),
+        section('How it was computed', solver(record), side_by_side([convergence_chart(done)])),
         section(
             'Inputs and versions',
             certificate(done.problem.measured.gauge),
@@ -75,7 +83,7 @@ def report_html(
             _signatures(),
         ),
     ]
-    return page(title, sections)
+    return document(title, sections)
 
 
 def _lead(done: Identification, record: Record) -> str:

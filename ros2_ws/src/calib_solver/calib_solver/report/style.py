@@ -6,11 +6,13 @@ from __future__ import annotations
 #: CSS of the page; a series' role is the class that gives it colour
 STYLE = """
 :root { color-scheme: light dark; --paper: #fff; --ink: #1c2126; --faint: #5d6771;
-  --rule: #dce0e4; --warn: #fff4d6; --warn-rule: #d9a514; --before: #8b9196; --after: #0b62a4;
+  --rule: #dce0e4; --warn: #fff4d6; --warn-rule: #d9a514; --good: #22866a; --good-paper: #e3f3ec;
+  --bad: #b3261e; --bad-paper: #fbe4e2; --before: #8b9196; --after: #0b62a4;
   --held: #c4590a; --x: #0b62a4; --y: #22866a; --z: #a33f87; --level1: #86b6dc;
   --level2: #5f9fd0; --level3: #2a78b5; --level4: #c4590a; --level5: #8d1f1f; }
 @media (prefers-color-scheme: dark) { :root { --paper: #15181b; --ink: #e6e8ea;
-  --faint: #a3acb4; --rule: #353b41; --warn: #38300f; --warn-rule: #c99a1c; --before: #7b838b;
+  --faint: #a3acb4; --rule: #353b41; --warn: #38300f; --warn-rule: #c99a1c;
+  --good: #5fcfa9; --good-paper: #15332a; --bad: #ff8a80; --bad-paper: #3d1a18; --before: #7b838b;
   --after: #5ab0f0; --held: #f2a25c; --x: #5ab0f0; --y: #5fcfa9; --z: #e58fce;
   --level1: #2f5d82; --level2: #3d86bd; --level3: #6cbaf2; --level4: #f2a25c;
   --level5: #ff7b7b; } }
@@ -29,6 +31,9 @@ p { margin: .45rem 0; max-width: 46rem; } .faint, .says { color: var(--faint); }
   border-left: 4px solid var(--warn-rule); }
 .warnings h2 { margin: 0; padding: 0; border: 0; font-size: 1rem; }
 .warnings ul { margin: .3rem 0 0; padding-left: 1.2rem; } .warnings li { margin: .2rem 0; }
+.verdict { margin: 1.2rem 0; padding: .6rem 1rem; border-left: 4px solid var(--good);
+  background: var(--good-paper); font-size: 1.05rem; }
+.verdict.bad { border-color: var(--bad); background: var(--bad-paper); }
 .scroll { overflow-x: auto; margin: .8rem 0; }
 table { border-collapse: collapse; width: 100%; font-size: .93rem; }
 caption { text-align: left; color: var(--faint); padding: 0 0 .35rem; }
@@ -56,6 +61,7 @@ svg text.note { fill: var(--ink); }
 .grid { stroke: var(--rule); stroke-width: 1; fill: none; }
 .marks, .fine { fill: none; stroke-linecap: round; stroke-width: 5.4; }
 .fine { stroke-width: 2.6; stroke-opacity: .6; }
+.names circle { fill: transparent; }
 .line { fill: none; stroke-width: 1.7; stroke-linejoin: round; }
 .marks.held, .marks.y { stroke-linecap: square; stroke-width: 4.6; }
 .marks.z { fill: var(--z); stroke: none; }
@@ -88,7 +94,8 @@ svg text.note { fill: var(--ink); }
   .narrow th, .narrow td { padding-right: .7rem; } .words { min-width: 21rem; } }
 @page { margin: 16mm 14mm; }
 @media print { :root { color-scheme: light; --paper: #fff; --ink: #000; --faint: #444;
-  --rule: #c4c8cc; --warn: #fff4d6; --warn-rule: #d9a514; --before: #8b9196; --after: #0b62a4;
+  --rule: #c4c8cc; --warn: #fff4d6; --warn-rule: #d9a514; --good: #22866a; --good-paper: #e3f3ec;
+  --bad: #b3261e; --bad-paper: #fbe4e2; --before: #8b9196; --after: #0b62a4;
   --held: #c4590a; --x: #0b62a4; --y: #22866a; --z: #a33f87; --level1: #86b6dc;
   --level2: #5f9fd0; --level3: #2a78b5; --level4: #c4590a; --level5: #8d1f1f; }
   body { max-width: none; padding: 0; font-size: 9.5pt; print-color-adjust: exact;

@@ -132,4 +132,15 @@ def _drawn(one: Series, frame: Frame) -> str:
         marks = ''.join(f'M{x - 3:.1f} {y + 3:.1f}h6l-3 -5.6z' for x, y in zip(xs, ys, strict=True))
     else:  # a stroke of no length shows its round or square end: a tenth of a circle's text
         marks = ''.join(f'M{x:.1f} {y:.1f}h0' for x, y in zip(xs, ys, strict=True))
-    return f'<path class="{size} {one.role}" d="{marks}"/>'
+    drawn = f'<path class="{size} {one.role}" d="{marks}"/>'
+    return drawn + _named_points(one, shown, xs, ys) if one.names else drawn
+
+
+def _named_points(one: Series, shown: Array, xs: Array, ys: Array) -> str:
+    """What a pointer finds over each point: a mark of its own that is not seen, with its name."""
+    names = (name for name, there in zip(one.names, shown, strict=True) if there)
+    points = (
+        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4"><title>{escape(name)}</title></circle>'
+        for x, y, name in zip(xs, ys, names, strict=True)
+    )
+    return f'<g class="names">{"".join(points)}</g>'

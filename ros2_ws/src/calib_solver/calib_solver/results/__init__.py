@@ -17,14 +17,29 @@ if TYPE_CHECKING:
         transform_record as transform_record,
         write_results as write_results,
     )
+    from calib_solver.results.limits import (
+        LIMITED as LIMITED,
+        Judged as Judged,
+        checked_limits as checked_limits,
+        judge as judge,
+        limits_of as limits_of,
+        parse_limits as parse_limits,
+    )
     from calib_solver.results.quality import (
         Record as Record,
         left_out_words as left_out_words,
         quality_record as quality_record,
         sphere_records as sphere_records,
     )
+    from calib_solver.results.readings import (
+        reading_times as reading_times,
+    )
     from calib_solver.results.resampling import (
         resampling_lines as resampling_lines,
+    )
+    from calib_solver.results.uncertainty import (
+        StatedErrors as StatedErrors,
+        read_uncertainty as read_uncertainty,
     )
 else:
     __getattr__, __dir__, __all__ = lazily(__name__, __file__)

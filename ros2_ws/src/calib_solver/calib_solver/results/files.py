@@ -25,7 +25,9 @@ from calib_solver.results.quality import (
     quality_record,
     sphere_records,
 )
+from calib_solver.results.readings import readings_record
 from calib_solver.results.resampling import resampling_record
+from calib_solver.results.uncertainty import UNCERTAINTY, uncertainty_text
 
 if TYPE_CHECKING:
     from calib_solver.resampling import Resampled
@@ -68,6 +70,7 @@ def result_record(
         'resampling': resampling_record(done, resampled) if resampled is not None else None,
         'joint_errors': joint_errors_record(done),
         'correction': correction_record(done, corrected),
+        'readings': readings_record(done),
     }
 
 
@@ -118,7 +121,8 @@ def write_results(
     report: str,
     more: Mapping[str, bytes] | None = None,
 ) -> list[Path]:
-    """Write `result.json`, `arm.yaml`, `probe.yaml`, `arm.urdf`, `report.html`, and
+    """Write `result.json`, `arm.yaml`, `probe.yaml`, `arm.urdf`, `report.html`,
+    `uncertainty.json`, and
     `correction.yaml` where there is something beyond the D-H parameters.
 
     They take the place of an earlier result's files in one step, and those that this one has not
@@ -134,6 +138,7 @@ def write_results(
         'probe.yaml': probe_yaml(done.probe),
         'arm.urdf': urdf.arm_urdf(done.arm),
         'report.html': report,
+        UNCERTAINTY: uncertainty_text(done),
     }
     if done.correction is not None:
         texts['correction.yaml'] = correction_yaml(done.correction)

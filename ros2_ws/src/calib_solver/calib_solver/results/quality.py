@@ -10,7 +10,16 @@ import numpy as np
 
 from calib_model.arrays import Array
 from calib_solver.left_out import LeftOut
-from calib_solver.quality import BASIS, COORDINATES, ProbedSpheres, Quality, articulation, lengths
+from calib_solver.quality import (
+    BASIS,
+    COORDINATES,
+    STANDARDS_BASIS,
+    ProbedSpheres,
+    Quality,
+    articulation,
+    lengths,
+    standard_figures,
+)
 
 Record = dict[str, Any]
 SINGLE_POINT = (
@@ -68,7 +77,46 @@ def quality_record(quality: Quality) -> Record:
             'single_point': _single_point_record(quality),
             'length': _length_record(quality),
         },
+        'standards': standards_record(quality),
     }
+
+
+def standards_record(quality: Quality) -> Record:
+    """Quantities of ISO 10360-12 and ISO 9283, m; null where the poses do not tell them."""
+    found, length = standard_figures(quality), _length_record(quality)
+    located = _largest(quality, found.location_error)
+    accuracy = _largest(quality, found.accuracy)
+    repeated = _largest(quality, found.repeatability)
+    known = found.location_error[np.isfinite(found.location_error)]
+    distances = found.distance_accuracy
+    spread = found.distance_repeatability[np.isfinite(found.distance_repeatability)]
+    return {
+        'basis': STANDARDS_BASIS,
+        'location_error': located[0],
+        'location_error_mean': float(known.mean()) if len(known) else None,
+        'location_error_location': located[1],
+        'location_error_sphere': located[2],
+        'length_error': length['max_deviation'] if length is not None else None,
+        'pose_accuracy': accuracy[0],
+        'pose_accuracy_location': accuracy[1],
+        'pose_accuracy_sphere': accuracy[2],
+        'pose_repeatability': repeated[0],
+        'pose_repeatability_location': repeated[1],
+        'pose_repeatability_sphere': repeated[2],
+        'distance_accuracy': float(distances[np.argmax(np.abs(distances))])
+        if len(distances)
+        else None,
+        'distance_repeatability': float(spread.max()) if len(spread) else None,
+    }
+
+
+def _largest(quality: Quality, values: Array) -> tuple[float | None, int | None, int | None]:
+    """The largest of values by sphere (S,), and its location and sphere."""
+    if not np.isfinite(values).any():
+        return None, None, None
+    row = int(np.nanargmax(values))
+    location, sphere = quality.spheres.keys[row]
+    return float(values[row]), int(location), int(sphere)
 
 
 def left_out_record(left_out: LeftOut) -> Record:

@@ -19,7 +19,7 @@ import pytest
 rclpy = pytest.importorskip('rclpy')
 pytest.importorskip('calib_interfaces.srv')
 
-from calib_interfaces.srv import Compensate, Evaluate, FitProbe, Identify
+from calib_interfaces.srv import Compare, Compensate, Evaluate, FitProbe, Identify, Verify
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
@@ -35,6 +35,8 @@ from calib_model.bags import (
 from calib_model.nodes import qos_of
 from calib_model.topics import SOLVER_MARKERS
 from calib_model.urdf import arm_urdf
+from calib_solver.acceptance import compare, verify
+from calib_solver.calibration import Sources
 from calib_solver.commands.compensate import main as compensate
 from calib_solver.commands.identify import run
 
@@ -100,6 +102,8 @@ def ask(node):
         FitProbe: 'fit_probe',
         Evaluate: 'evaluate',
         Compensate: 'compensate',
+        Verify: 'verify',
+        Compare: 'compare',
     }
     clients = {kind: asker.create_client(kind, name) for kind, name in kinds.items()}
 
@@ -318,6 +322,35 @@ def test_compensate_answers_what_the_command_writes(ask, files, tmp_path):
         ({'result': str(result), 'position': rows, 'tool': 'hand'}, "no tool 'hand'"),
     ):
         refused = ask(Compensate, **request)
+        assert refused.success is False
+        assert said in refused.message
+
+
+def test_verify_and_compare_answer_what_the_commands_say(ask, files, tmp_path):
+    result = tmp_path / 'result'
+    run([str(files / 'bag'), '--output', str(result), '--quick'])
+    found = verify(Sources((str(files / 'test'),)), str(result), more={'distance_max': 1e-9})
+    request = {'bag': str(files / 'test'), 'result': str(result), 'output': str(tmp_path / 'page')}
+    answer = ask(Verify, **request, limit_names=['distance_max'], limit_values=[1e-9])
+    record = found.record()
+    assert answer.success, answer.message
+    assert answer.verdict == record['verdict'] == 'failed'
+    same(answer.quality, record['quality'])
+    same(answer.limits[0], record['limits'][0])
+    assert answer.position_bound == record['stated']['position']['bound']
+    assert list(answer.written) == [str(tmp_path / 'page' / 'verification.html')]
+    again = ask(Compare, results=[str(result), str(result)], output=str(tmp_path / 'page'))
+    assert again.verdict == 'no change beyond uncertainty'
+    step = compare([str(result), str(result)]).record()['steps'][0]
+    assert len(again.changes[0].parameters) == len(step['parameters'])
+    same(again.changes[0].parameters[0], step['parameters'][0])
+    for kind, wrong, said in (
+        (Verify, {**request, 'limit_names': ['distance_most'], 'limit_values': [1.0]}, 'unknown'),
+        (Verify, {**request, 'limit_names': ['distance_max']}, 'limit_values'),
+        (Verify, {**request, 'result': str(files)}, 'arm.yaml: cannot be read'),
+        (Compare, {'results': [str(result)]}, 'two results or more'),
+    ):
+        refused = ask(kind, **wrong)
         assert refused.success is False
         assert said in refused.message
 

@@ -46,12 +46,14 @@ def mixed(results, tmp_path):
 
 def test_every_file_is_listed_and_as_it_was_written(results):
     listed = json.loads((results / 'one/result.json').read_text())['files']
-    assert set(listed) == {'arm.yaml', 'probe.yaml', 'arm.urdf', 'report.html'}
+    assert set(listed) == {'arm.yaml', 'probe.yaml', 'arm.urdf', 'report.html', 'uncertainty.json'}
     refuse_mixture(results / 'one')
     read_calibrated(results / 'one')
 
 
-@pytest.mark.parametrize('name', ['arm.yaml', 'probe.yaml', 'arm.urdf', 'report.html'])
+@pytest.mark.parametrize(
+    'name', ['arm.yaml', 'probe.yaml', 'arm.urdf', 'report.html', 'uncertainty.json']
+)
 def test_a_file_of_another_calibration_is_named(mixed, name):
     with pytest.raises(CalibrationError, match=f'{name}: not the file that result.json'):
         read_calibrated(mixed(name))

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`uncertainty.json`: where the errors of a calibration's parameters come from, and its gauge.
+
+Kept apart from `result.json`, which people read: what `verify` and `compare` need of a calibration
+to say what it can tell from another one and what it cannot.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calib_model.arrays import Array
+from calib_model.descriptions import gauge_yaml, parse_gauge
+from calib_model.errors import CalibrationError
+from calib_model.files import file_content
+from calib_model.instruments import Gauge
+from calib_solver.fitting import ErrorShares, PoseNoise
+from calib_solver.identification import Identification
+
+UNCERTAINTY = 'uncertainty.json'
+
+
+@dataclass(frozen=True)
+class StatedErrors:
+    """The errors of the free parameters `names` (F,) by where they come from, those by noise
+    enlarged as all stated uncertainties are; `gauge` is as long as it was taken to be."""
+
+    names: tuple[str, ...]
+    shares: ErrorShares
+    gauge: Gauge
+
+
+def uncertainty_text(done: Identification) -> str:
+    """The file's content."""
+    shares = done.error_shares
+    factor = done.left_out.factor if done.left_out is not None else 1.0
+    gauge = done.problem.measured.gauge
+    record = {
+        'schema': 1,
+        'parameters': [parameter.name for parameter in done.table.free],
+        'noise': (factor**2 * shares.noise).tolist(),
+        'certificate': shares.certificate.tolist(),
+        'prior': shares.prior.tolist(),
+        'width': shares.width.tolist(),
+        'poses': {
+            'point': float(np.sqrt(shares.poses.point)),
+            'joints': np.sqrt(shares.poses.joints).tolist(),
+            'freedom': shares.poses.freedom,
+        },
+        'gauge': gauge_yaml(gauge.as_certified()),
+        'temperature': _temperature(gauge),
+    }
+    return json.dumps(record, allow_nan=False) + '\n'
+
+
+def _temperature(gauge: Gauge) -> dict[str, float] | None:
+    if gauge.scale is None:
+        return None
+    return {
+        'celsius': gauge.scale.temperature,
+        'uncertainty': gauge.temperature_uncertainty,
+    }
+
+
+def read_uncertainty(folder: str | Path) -> StatedErrors:
+    """The errors that the calibration in a folder states.
+
+    Raises:
+        CalibrationError: the file is missing, as in results of older versions, or is no such file.
+    """
+    path = Path(folder) / UNCERTAINTY
+    try:
+        record = json.loads(file_content(path).decode('utf-8'))
+        return _stated(record, str(path))
+    except FileNotFoundError as error:
+        raise CalibrationError(
+            f'{path}: there is none: the result is of a version without it, identify it anew'
+        ) from error
+    except OSError as error:
+        raise CalibrationError(f'{path}: cannot be read: {error.strerror}') from error
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise CalibrationError(f'{path}: not what identify writes: {error}') from error
+
+
+def _stated(record: dict[str, Any], source: str) -> StatedErrors:
+    names = tuple(map(str, record['parameters']))
+    gauge = parse_gauge(record['gauge'], source)
+    free, centers = len(names), 3 * len(gauge.spheres)
+    warmth = record['temperature']
+    if warmth is not None:
+        gauge = gauge.at(float(warmth['celsius']), float(warmth['uncertainty']))
+    poses = record['poses']
+    noise = PoseNoise(
+        float(poses['point']) ** 2,
+        np.array(poses['joints'], dtype=float) ** 2,
+        int(poses['freedom']),
+    )
+    shares = ErrorShares(
+        _matrix(record, 'noise', (free, free)),
+        _matrix(record, 'certificate', (free, centers)),
+        _matrix(record, 'prior', (free, free)),
+        _matrix(record, 'width', (free,)),
+        noise,
+    )
+    return StatedErrors(names, shares, gauge)
+
+
+def _matrix(record: dict[str, Any], name: str, shape: tuple[int, ...]) -> Array:
+    values = np.array(record[name], dtype=float)
+    if values.shape != shape:
+        raise ValueError(f'{name}: expected {shape} numbers, got {values.shape}')
+    return values
