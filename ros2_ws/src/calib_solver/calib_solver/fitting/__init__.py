@@ -64,8 +64,8 @@ if TYPE_CHECKING:
     )
     from calib_solver.fitting.uncertainty import (
         Uncertainty as Uncertainty,
-        certified_root as certified_root,
         certificate_covariance as certificate_covariance,
+        certified_root as certified_root,
         estimate_uncertainty as estimate_uncertainty,
     )
     from calib_solver.fitting.workspace import (
