@@ -155,7 +155,15 @@ def test_every_part_runs_and_is_recorded(tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=200)
     assert done.returncode == 0, done.stderr
     parts = json.loads(output.read_text(encoding='utf-8'))['parts']
-    assert set(parts) == {'reference', 'scipy', 'pybotics', 'kernel', 'scale', 'command'}
+    assert set(parts) == {
+        'reference',
+        'scipy',
+        'pybotics',
+        'kernel',
+        'scale',
+        'command',
+        'identify',
+    }
     sizes = [row['figures']['poses'] for row in parts['scale']['rows']]
     assert sizes == [112, 280, 112, 280, 280]
     assert all(row['figures']['bytes'] > 1 << 20 for row in parts['scale']['rows'])

@@ -31,7 +31,14 @@ from calib_model.measurement import Measurement
 from calib_model.topics import CAPTURE_POSES
 
 DEMO = ROOT / 'bags' / 'demo' / 'held_out'
-RESULTS = ('arm.yaml', 'probe.yaml', 'arm.urdf', 'report.html', 'result.json')
+RESULTS = (
+    'arm.yaml',
+    'probe.yaml',
+    'arm.urdf',
+    'report.html',
+    'uncertainty.json',
+    'result.json',
+)
 TIMEOUT = 60
 MOST_MEMORY = 2 << 20  # KiB
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]

@@ -106,7 +106,7 @@ def test_a_goal_interrupted_by_ctrl_c_is_cancelled_and_leaves_a_bag_that_opens(s
         CAPTURE,
         f'{{locations: [1], spheres: [1], poses_per_sphere: 100, bag: {bag}}}',
     )
-    until(said, 'taken: 3\n')
+    until(said, 'taken: 3')
     interrupt(client)
     client.wait(20)
     assert 'Canceling goal' in said.read_text()

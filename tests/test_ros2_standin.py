@@ -125,7 +125,7 @@ def test_run_says_which_package_is_missing(ros2) -> None:
 def test_run_says_that_the_executable_is_missing(ros2) -> None:
     result = ros2('run', 'calib_solver', 'no_such_executable')
     assert result.returncode == 1
-    assert re.fullmatch(r'No executable found; there is .*identify.*solver\n', result.stderr)
+    assert re.fullmatch(r'No executable found; there is .*identify.*solver.*\n', result.stderr)
     assert 'did you mean identify?' in ros2('run', 'calib_solver', 'identfy').stderr
 
 

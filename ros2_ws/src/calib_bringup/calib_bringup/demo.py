@@ -45,6 +45,7 @@ WRITTEN = {
     'arm.urdf',
     'correction.yaml',
     'report.html',
+    'uncertainty.json',
     FIGURES,
 }
 CAPTURE_SECONDS = 600.0
@@ -107,6 +108,7 @@ class Demo:
                     'poses_per_sphere': self.poses,
                     'pool': 1,
                     'output': name,
+                    **paths('placements'),
                 }
                 module = 'calib_capture.nodes.capture_node'
                 capture = self._start(children, f'capture_{name}', module, options, shown=True)

@@ -50,7 +50,8 @@ VARIANTS = {
         led=True,
     ),
     'iiwa14': Variant(
-        'KUKA LBR iiwa 14 R820, active probe', files={'arm': 'arms/kuka_lbr_iiwa14.yaml'}
+        'KUKA LBR iiwa 14 R820, active probe',
+        files={'arm': 'arms/kuka_lbr_iiwa14.yaml', 'placements': 'locations/kr5.yaml'},
     ),
     'faro': Variant(
         "FARO Sterling led by hand, passive probe: the chapter's 10,780 poses", poses=385, led=True

