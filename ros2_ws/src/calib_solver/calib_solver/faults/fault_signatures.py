@@ -75,19 +75,25 @@ def _signatures(residuals: ResidualProjection, pose_of: IntArray) -> Iterator[Fa
         yield FaultSignature(
             jump.share, f'joint {name} {jump.text(residuals.arm, pose_of)}', 'joint'
         )
-    yield max((_push(residuals, at, pose_of) for at in moments), key=lambda one: one.share)
+    yield _push(residuals, moments, pose_of)
 
 
-def _push(residuals: ResidualProjection, moment: int, pose_of: IntArray) -> FaultSignature:
-    """The gauge pushed at a moment, a place in the measurement, until it is carried on."""
+def _push(residuals: ResidualProjection, moments: IntArray, pose_of: IntArray) -> FaultSignature:
+    """The gauge pushed at the one of some moments (K,), places in the measurement, that explains
+    most, until it is carried on."""
     where = residuals.measured.poses.location
-    pushed = (residuals.when >= moment) & (where[residuals.when] == where[moment])
-    fits, among, _ = residuals.products(pushed[:, None, None] * np.eye(3))
+    later = residuals.when >= moments[:, None]
+    fits, among = residuals.products_of_shifts(
+        later & (where[residuals.when] == where[moments][:, None])
+    )
     # the part that no parameter takes up may lack a direction
-    step = np.linalg.pinv(among, hermitian=True, rcond=1e-6) @ fits
-    size, near = np.linalg.norm(step) * 1e3, pose_of[moment] + 1
-    text = f'the gauge at location {where[moment]} was pushed by {size:.3f} mm near pose {near}'
-    return FaultSignature(float(residuals.share(fits @ step)), text, 'gauge')
+    steps = np.einsum('kij,kj->ki', np.linalg.pinv(among, hermitian=True, rcond=1e-6), fits)
+    shares = residuals.share(np.einsum('ki,ki->k', fits, steps))
+    best = int(np.argmax(shares))
+    location, near = where[moments[best]], pose_of[moments[best]] + 1
+    size = np.linalg.norm(steps[best]) * 1e3
+    text = f'the gauge at location {location} was pushed by {size:.3f} mm near pose {near}'
+    return FaultSignature(float(shares[best]), text, 'gauge')
 
 
 def _of_the_probe(residuals: ResidualProjection, probe: ActiveProbe) -> Iterator[FaultSignature]:

@@ -9,6 +9,7 @@ fault is held against that alone which nothing else explains.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib_model.arrays import Array
 from calib_model.instruments import Arm, Probe
@@ -62,6 +63,16 @@ class ResidualProjection:
         among = columns.T @ columns - known.T @ known
         whole = np.einsum('nkf,nkf->f', by_fault, by_fault)
         return columns.T @ self.left[: len(columns)], among, whole
+
+    def products_of_shifts(self, there: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """What `products` says of shifting the points along x, y and z, each time of the poses that
+        are `there` (K, N): with the residuals (K, 3) and among themselves (K, 3, 3)."""
+        shifted, count = there.astype(np.float64), there.shape[1]
+        fits = shifted @ self.left[: 3 * count].reshape(count, 3)
+        known = shifted @ self._known[: 3 * count].reshape(count, -1)
+        known = known.reshape(len(shifted), 3, -1)
+        square = self._by_sphere.squares(shifted)[:, None, None] * np.eye(3)
+        return fits, square - known @ np.swapaxes(known, 1, 2)
 
     def products_from(self, fault: Array, moments: IntArray) -> list[tuple[Array, Array, Array]]:
         """The `products` of each fault (N, 3, J), m a unit, that is there from one of `moments`
@@ -149,6 +160,12 @@ class _BySphere:
         mean = np.add.reduceat(flat, self._start, axis=0) / self._count[:, None]
         flat = flat - np.repeat(mean, self._count, axis=0)
         return flat.reshape(3 * len(values), *values.shape[2:])
+
+    def squares(self, values: Array) -> Array:
+        """Sums (K,) of the squares of values (K, N), each minus the mean of the pose's sphere."""
+        sums = np.add.reduceat(values, self._start, axis=1)
+        squares: Array = (values**2).sum(axis=1) - (sums**2 / self._count).sum(axis=1)
+        return squares
 
     def later_means(self, values: Array, when: IntArray, moments: IntArray) -> Array:
         """Of values (N, 3, J) each sphere's mean over its poses from each of `moments` (K,) on, the
