@@ -14,7 +14,6 @@ from collections.abc import Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
 from threading import get_native_id
-from types import TracebackType
 from typing import IO
 
 from calib_model.files.open_folders import FOLDER, OTHERS, is_others, reach
@@ -281,12 +280,7 @@ class HeldFolder:
     def __enter__(self) -> HeldFolder:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

@@ -86,7 +86,6 @@ def write_verification(found: Verification, folder: str) -> Path:
 def _verification_charts(found: Verification) -> list[Chart]:
     problem, keys = found.problem, found.problem.keys
     of_pose = np.repeat(np.arange(len(keys)), problem.counts)
-    order: Array = np.arange(len(of_pose), dtype=np.float64) + 0.5
     names = _pose_names(found, of_pose)
     charts = [
         Chart(
@@ -95,16 +94,12 @@ def _verification_charts(found: Verification) -> list[Chart]:
             'Distance of each pose to the certificate as placed, by location.',
             'location, each with its poses',
             'mm',
-            (
-                Series(order, _mm(found.nominal.position), 'before', 'nominal', names=names),
-                Series(order, _mm(found.quality.position), 'after', 'calibrated', names=names),
-            ),
+            _before_and_after(found.nominal.position, found.quality.position, names),
             logarithmic=True,
             bands=_bands(keys[of_pose, 0]),
         )
     ]
     if len(problem.pairs):
-        order = np.arange(len(problem.pairs), dtype=np.float64) + 0.5
         pairs = tuple(
             f'location {keys[a, 0]}, B{keys[a, 1]} to B{keys[b, 1]}' for a, b in problem.pairs
         )
@@ -115,15 +110,23 @@ def _verification_charts(found: Verification) -> list[Chart]:
                 'Of each pair of spheres, by location.',
                 'location, each with its pairs of spheres',
                 'mm',
-                (
-                    Series(order, _mm(found.nominal.distance), 'before', 'nominal', names=pairs),
-                    Series(order, _mm(found.quality.distance), 'after', 'calibrated', names=pairs),
-                ),
+                _before_and_after(found.nominal.distance, found.quality.distance, pairs),
                 logarithmic=True,
                 bands=_bands(keys[problem.pairs[:, 0], 0]),
             )
         )
     return charts
+
+
+def _before_and_after(
+    nominal: Array, calibrated: Array, names: tuple[str, ...]
+) -> tuple[Series, ...]:
+    """Errors (N,), m, one beside the next, by the nominal arm and by the calibration."""
+    order: Array = np.arange(len(nominal), dtype=np.float64) + 0.5
+    return (
+        Series(order, _mm(nominal), 'before', 'nominal', names=names),
+        Series(order, _mm(calibrated), 'after', 'calibrated', names=names),
+    )
 
 
 def _pose_names(found: Verification, of_pose: Array) -> tuple[str, ...]:

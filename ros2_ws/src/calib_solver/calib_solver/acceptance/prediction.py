@@ -8,6 +8,7 @@ Where the calibration was made with the same gauge, its certificate's error is i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from scipy.special import chdtri
 from calib_model.arrays import Array
 from calib_solver.acceptance.certificate import certificate_roots, same_certificate, together
 from calib_solver.acceptance.stored_result import StoredResult
-from calib_solver.problem import Problem, by_joint, place_gauge, point_jacobian
+from calib_solver.problem import Placed, Problem, by_joint, place_gauge, point_jacobian
 from calib_solver.quality import Quality
 
 #: how often poses are said to miss what is stated where all is as stated
@@ -67,28 +68,55 @@ def stated_errors(
     `quality` is that of the result's arm and probe on the problem's poses.
     """
     level = LEVEL / (2 if len(problem.pairs) else 1)
-    stated = result.stated
-    rows = np.arange(len(problem.joints))
-    _, jacobian = point_jacobian(problem, result.table, result.full, rows)
-    by_joints = by_joint(result.table, problem.measured.arm, jacobian)
-    scatter = stated.shares.poses.covariance(by_joints)
-    slope = jacobian[:, :, result.table.free_columns]
-    turned = _certified_slopes(problem, quality)
-    position = _positions(result, problem, quality, slope, scatter, turned)
+    errors = _Errors.of(result, problem, quality)
+    position = _positions(errors).stated(quality.position, level)
     if not len(problem.pairs):
-        return position.stated(quality.position, level), None
-    distance = _distances(result, problem, quality, slope, scatter, turned)
-    return position.stated(quality.position, level), distance.stated(quality.distance, level)
+        return position, None
+    return position, _distances(errors).stated(quality.distance, level)
 
 
-def _certified_slopes(problem: Problem, quality: Quality) -> Array:
+@dataclass(frozen=True)
+class _Errors:
+    """What the poses' points move with: the free parameters, by `slope` (N, 3, F), their own noise
+    of covariance `scatter` (N, 3, 3), m^2, and the gauge, which is `placed` at each placement, by
+    the coordinates of its spheres, `turned` (S, 3, 3K)."""
+
+    result: StoredResult
+    problem: Problem
+    centers: Array
+    slope: Array
+    scatter: Array
+    placed: tuple[Placed, ...]
+    turned: Array
+
+    @classmethod
+    def of(cls, result: StoredResult, problem: Problem, quality: Quality) -> _Errors:
+        """Of the poses of a problem, whose spheres a `quality` has the centres of."""
+        rows = np.arange(len(problem.joints))
+        _, jacobian = point_jacobian(problem, result.table, result.full, rows)
+        by_joints = by_joint(result.table, problem.measured.arm, jacobian)
+        centers, gauge = quality.spheres.center, problem.measured.gauge
+        certified = np.array([gauge.center(int(number)) for number in problem.keys[:, 1]])
+        placed = tuple(
+            place_gauge(certified[rows], centers[rows], problem.counts[rows].astype(float))
+            for rows in problem.placements
+        )
+        return cls(
+            result,
+            problem,
+            centers,
+            jacobian[:, :, result.table.free_columns],
+            result.stated.shares.poses.covariance(by_joints),
+            placed,
+            _certified_slopes(problem, placed),
+        )
+
+
+def _certified_slopes(problem: Problem, placements: Sequence[Placed]) -> Array:
     """How each sphere's certified place moves with the gauge's coordinates, (S, 3, 3K)."""
     gauge = problem.measured.gauge
-    certified = np.array([gauge.center(int(number)) for number in problem.keys[:, 1]])
     found = np.zeros((len(problem.keys), 3, 3 * len(gauge.spheres)))
-    for rows in problem.placements:
-        measured = quality.spheres.center[rows]
-        placed = place_gauge(certified[rows], measured, problem.counts[rows].astype(float))
+    for rows, placed in zip(problem.placements, placements, strict=True):
         for row in rows:
             at = 3 * gauge.numbers.index(int(problem.keys[row, 1]))
             found[row, :, at : at + 3] = placed.rotation
@@ -109,38 +137,27 @@ def _roots(result: StoredResult, problem: Problem, slope: Array, by_center: Arra
     return np.concatenate([by_noise, slope @ (shares.prior * shares.width), by_gauge], axis=1)
 
 
-def _positions(
-    result: StoredResult,
-    problem: Problem,
-    quality: Quality,
-    slope: Array,
-    scatter: Array,
-    turned: Array,
-) -> _Moments:
+def _positions(errors: _Errors) -> _Moments:
     """Of the sum of squares of all poses' distances to the certificate as placed."""
+    problem, slope, turned = errors.problem, errors.slope, errors.turned
     of_pose = np.repeat(np.arange(len(problem.counts)), problem.counts)
-    gauge = problem.measured.gauge
-    certified = np.array([gauge.center(int(number)) for number in problem.keys[:, 1]])
     columns = _roots(
-        result,
+        errors.result,
         problem,
         slope.reshape(-1, slope.shape[2]),
         -turned[of_pose].reshape(-1, turned.shape[2]),
     ).reshape(len(of_pose), 3, -1)
     mean = variance = 0.0
     left = np.zeros_like(columns)
-    for rows in problem.placements:
+    for rows, placed in zip(problem.placements, errors.placed, strict=True):
         own = np.isin(of_pose, rows)
-        placed = place_gauge(
-            certified[rows], quality.spheres.center[rows], problem.counts[rows].astype(float)
-        )
         motion = placed.motion[np.searchsorted(rows, of_pose[own])].reshape(-1, 6)
         basis, size, _ = np.linalg.svd(motion, full_matrices=False)
         basis = basis[:, size > SEEN * size[0]]
         flat = columns[own].reshape(len(motion), -1)
         left[own] = (flat - basis @ (basis.T @ flat)).reshape(columns[own].shape)
         # noise of the poses of one placement, less what the placement takes up
-        noise = scatter[own]
+        noise = errors.scatter[own]
         by_axis = basis.reshape(-1, 3, basis.shape[1])
         once = np.einsum('nka,nkl,nlb->ab', by_axis, noise, by_axis)
         twice = np.einsum('nka,nkl,nlm,nmb->ab', by_axis, noise, noise, by_axis, optimize=True)
@@ -153,25 +170,18 @@ def _positions(
     return _Moments(mean + float(np.trace(gram)), variance + 2 * float((gram**2).sum()))
 
 
-def _distances(
-    result: StoredResult,
-    problem: Problem,
-    quality: Quality,
-    slope: Array,
-    scatter: Array,
-    turned: Array,
-) -> _Moments:
+def _distances(errors: _Errors) -> _Moments:
     """Of the sum of squares of the distances' errors."""
+    problem, turned = errors.problem, errors.turned
     first, second = problem.pairs.T
-    center = quality.spheres.center
-    between = center[first] - center[second]
+    between = errors.centers[first] - errors.centers[second]
     unit = between / np.maximum(np.linalg.norm(between, axis=1), 1e-300)[:, None]
     starts, count = problem.start[:-1], problem.counts
-    mean_slope = np.add.reduceat(slope, starts, axis=0) / count[:, None, None]
-    mean_noise = np.add.reduceat(scatter, starts, axis=0) / count[:, None, None] ** 2
+    mean_slope = np.add.reduceat(errors.slope, starts, axis=0) / count[:, None, None]
+    mean_noise = np.add.reduceat(errors.scatter, starts, axis=0) / count[:, None, None] ** 2
     by_parameters = np.einsum('mk,mkf->mf', unit, mean_slope[first] - mean_slope[second])
     by_center = -np.einsum('mk,mkc->mc', unit, turned[first] - turned[second])
-    columns = _roots(result, problem, by_parameters, by_center)
+    columns = _roots(errors.result, problem, by_parameters, by_center)
     covariance = columns @ columns.T
     to_means = np.zeros((len(unit), len(count), 3))
     rows = np.arange(len(unit))

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from calib_solver.calibration.fit_probe import (
         fit_probe_from as fit_probe_from,
     )
+    from calib_solver.calibration.gauge_options import (
+        add_gauge_arguments as add_gauge_arguments,
+        given_temperature as given_temperature,
+    )
     from calib_solver.calibration.raw_options import (
         add_raw_arguments as add_raw_arguments,
         raw_settings as raw_settings,

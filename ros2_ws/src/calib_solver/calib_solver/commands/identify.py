@@ -7,9 +7,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 
-from calib_model import bags
-from calib_model.bounds import TEMPERATURE
-from calib_model.command_line import CommandParser, UsageError, number_from, run_command
+from calib_model.command_line import CommandParser, UsageError, run_command
 from calib_model.progress import Progress
 from calib_solver import calibration, error_models, fitting, report, resampling
 
@@ -60,22 +58,7 @@ def arguments() -> CommandParser:
     parser.add_argument(
         '--probe', default='', metavar='YAML', help="start from this probe, not the bag's"
     )
-    parser.add_argument(
-        '--gauge', default='', metavar='YAML', help="use this certificate, not the bag's"
-    )
-    parser.add_argument(
-        '--temperature',
-        type=number_from(*TEMPERATURE),
-        metavar='C',
-        help="of the gauge, deg C, not the bag's: its certified lengths are taken there",
-    )
-    parser.add_argument(
-        '--temperature-uncertainty',
-        type=number_from(0.0, 100.0),
-        default=0.0,
-        metavar='K',
-        help='standard uncertainty of --temperature (default: %(default)s)',
-    )
+    calibration.add_gauge_arguments(parser)
     parser.add_argument(
         '--urdf',
         default='',
@@ -181,9 +164,6 @@ def run(argv: Sequence[str] | None = None) -> calibration.Calibration:
     given = arguments().parse_args(argv)
     if given.urdf and not given.output:
         raise UsageError('--urdf needs --output DIR, where robot.urdf is written')
-    temperature = None
-    if given.temperature is not None:
-        temperature = bags.Temperature(given.temperature, given.temperature_uncertainty)
     options = fitting.Options(
         given.objective,
         tuple(given.fix),
@@ -202,7 +182,7 @@ def run(argv: Sequence[str] | None = None) -> calibration.Calibration:
         given.links,
         calibration.raw_settings(given),
         given.raw,
-        temperature,
+        calibration.given_temperature(given),
     )
     test = [bag for group in given.test for bag in group]
     plan = resampling.Plan(given.monte_carlo, given.bootstrap, given.seed)

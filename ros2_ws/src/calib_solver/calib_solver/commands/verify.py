@@ -7,9 +7,7 @@ import json
 import sys
 from collections.abc import Sequence
 
-from calib_model import bags
-from calib_model.bounds import TEMPERATURE
-from calib_model.command_line import CommandParser, number_from, run_command
+from calib_model.command_line import CommandParser, run_command
 from calib_model.progress import Progress
 from calib_solver import acceptance, calibration
 
@@ -42,22 +40,7 @@ def arguments() -> CommandParser:
     parser.add_argument('--limits', default='', metavar='YAML', help='what must be kept, in m')
     parser.add_argument('--json', action='store_true', help='JSON on stdout, SI units')
     parser.add_argument('--output', default='', metavar='DIR', help='write verification.html there')
-    parser.add_argument(
-        '--gauge', default='', metavar='YAML', help="use this certificate, not the bag's"
-    )
-    parser.add_argument(
-        '--temperature',
-        type=number_from(*TEMPERATURE),
-        metavar='C',
-        help="of the gauge, deg C, not the bag's: its certified lengths are taken there",
-    )
-    parser.add_argument(
-        '--temperature-uncertainty',
-        type=number_from(0.0, 100.0),
-        default=0.0,
-        metavar='K',
-        help='standard uncertainty of --temperature (default: %(default)s)',
-    )
+    calibration.add_gauge_arguments(parser)
     calibration.add_raw_arguments(parser)
     return parser
 
@@ -67,15 +50,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def work() -> int:
         given = arguments().parse_args(argv)
-        temperature = None
-        if given.temperature is not None:
-            temperature = bags.Temperature(given.temperature, given.temperature_uncertainty)
         sources = calibration.Sources(
             tuple(given.bag),
             gauge=given.gauge,
             raw=calibration.raw_settings(given),
             anew=given.raw,
-            temperature=temperature,
+            temperature=calibration.given_temperature(given),
         )
         found = acceptance.verify(sources, given.result, given.limits, Progress(sys.stderr, 'MB'))
         written = acceptance.write_verification(found, given.output) if given.output else None

@@ -7,6 +7,7 @@ from calib_model.lazy import lazily
 
 if TYPE_CHECKING:
     from calib_solver.problem.gauge_placement import (
+        Placed as Placed,
         place_gauge as place_gauge,
     )
     from calib_solver.problem.kernel import (
