@@ -69,7 +69,7 @@ def random_targets(calibrated: Calibrated, generator: np.random.Generator) -> Ar
     Not where it is all but stretched out: what the nominal arm just reaches the real one may not.
     """
     arm, tool = calibrated.nominal, calibrated.nominal_tool
-    q = generator.uniform(*np.clip(arm.limits, -np.pi, np.pi).T, (2 * TARGETS, arm.n))
+    q = generator.uniform(*arm.ranges.T, (2 * TARGETS, arm.n))
     motion = tool_motion(arm, q, tool)
     able = np.linalg.svd(motion.jacobian[:, :3], compute_uv=False)[:, -1] > BENT
     targets = motion.position[able][:TARGETS]

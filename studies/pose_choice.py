@@ -109,7 +109,7 @@ def nearest_branch(given: Candidates, poses: int, seed: int) -> list[Indices]:
     """So many hands of every sphere at random, each in the branch that is nearest when its turn
     has come."""
     arm, generator = given.bench.arm, np.random.default_rng((seed, poses))
-    here, rows = np.clip(arm.limits, -np.pi, np.pi).mean(axis=1), []
+    here, rows = arm.ranges.mean(axis=1), []
     for draft in given.drafts:
         found, own = draft.candidates.found, []
         # the branches of one hand follow one another

@@ -47,7 +47,7 @@ class NewtonInverse:
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
-        lower, upper = np.clip(arm.limits, -np.pi, np.pi).T
+        lower, upper = arm.ranges.T
         self._q = np.random.default_rng(0).uniform(lower, upper, (POSTURES, arm.n))
         self._known = _features(forward_kinematics(arm, self._q))
 

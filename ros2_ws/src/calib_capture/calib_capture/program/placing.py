@@ -70,7 +70,6 @@ class Placed:
     drawn: int
     usable: int
     refused: Counter[str] = field(default_factory=Counter)
-
     asked: int = 0
 
     @property
@@ -189,7 +188,7 @@ class Placer:
 
     def _posture(self) -> Array:
         """Joints (n,) anywhere in which the arm touches neither itself nor the floor."""
-        lower, upper = np.clip(self._planner.arm.limits, -np.pi, np.pi).T
+        lower, upper = self._planner.arm.ranges.T
         self._planner.finder.put_gauge(FAR_AWAY)
         for _ in range(POSTURES):
             q: Array = self._generator.uniform(lower, upper)

@@ -211,9 +211,8 @@ def positions(
     """By how much the arm alone, its base and the tool on its flange the same, is elsewhere, at
     postures drawn evenly between the joint limits."""
     arm = earlier.arm
-    limits = np.clip(arm.limits, -np.pi, np.pi)
-    generator = np.random.default_rng(0)
-    joints = generator.uniform(limits[:, 0], limits[:, 1], (POSTURES, arm.n))
+    lower, upper = arm.ranges.T
+    joints = np.random.default_rng(0).uniform(lower, upper, (POSTURES, arm.n))
     mount = tip(earlier.probe)
     before, after = (
         CorrectedArm(one.arm, one.calibrated.correction).points(joints, mount.translation)
