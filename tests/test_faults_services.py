@@ -184,12 +184,14 @@ def ask(node: tuple[subprocess.Popen, Path]) -> Iterator[Callable[[str, Any], An
 
 
 def good_requests(folder: Path) -> dict[str, dict[str, Any]]:
-    bag = {'bag': str(DEMO / 'held_out')}
+    bag, result = {'bag': str(DEMO / 'held_out')}, str(folder / 'result')
     return {
         'identify': bag,
         'fit_probe': bag,
         'evaluate': bag,
-        'compensate': {'result': str(folder / 'result'), 'position': [0.5, 0.0, 0.4]},
+        'compensate': {'result': result, 'position': [0.5, 0.0, 0.4]},
+        'verify': {**bag, 'result': result},
+        'compare': {'results': [result, f'{result}_later']},
     }
 
 
@@ -198,9 +200,9 @@ def test_odd_requests_are_answered_in_one_line_and_good_ones_as_before(
 ) -> None:
     process, log = node
     good = good_requests(log.parent)
-    result = str(log.parent / 'result')
-    made = ask('identify', Identify.Request(bag=good['identify']['bag'], output=result))
-    assert made.success, made.message
+    for result in good['compare']['results']:
+        made = ask('identify', Identify.Request(bag=good['identify']['bag'], output=result))
+        assert made.success, made.message
     before = {name: ask(name, kind.Request(**good[name])) for name, kind in SERVICES.items()}
     assert all(answer.success for answer in before.values()), before
     refused = 0
