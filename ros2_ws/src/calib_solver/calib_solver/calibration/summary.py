@@ -5,12 +5,10 @@ from __future__ import annotations
 
 from calib_model.errors import LONGEST_LINE
 from calib_solver.calibration.calibration import Calibration
-from calib_solver.quality import Quality
 from calib_solver.results import (
     Record,
     left_out_words,
     prior_words,
-    quality_record,
     resampling_lines,
     scale_words,
 )
@@ -34,15 +32,7 @@ def summary_text(calibration: Calibration) -> str:
         f'{done.arm.name}: {poses} poses of {spheres} spheres at {len(done.problem.locations)} '
         f'locations, {len(done.fit.x)} of {_parameters(calibration.record)} parameters free'
     )
-    columns = {'initial': done.initial, 'identified': done.identified}
-    if calibration.test is not None and calibration.test_initial is not None:
-        columns['held-out initial'] = calibration.test_initial
-        columns['held-out'] = calibration.test
-    if done.corrected is not None:
-        columns['corrected'] = done.corrected
-    if calibration.held_out is not None and calibration.held_out.corrected is not None:
-        columns['held-out corr.'] = calibration.held_out.corrected
-    lines += table(columns)
+    lines += table(calibration.record)
     lines += beyond_lines(calibration.record)
     unseen = [
         record['name']
@@ -113,12 +103,22 @@ def prior_lines(record: Record) -> list[str]:
     return [prior_words(record)] if record['widths'] else []
 
 
-def table(columns: dict[str, Quality]) -> list[str]:
-    """Lines of a table of qualities in mm, one column each."""
-    records = {name: quality_record(quality) for name, quality in columns.items()}
-    lines = ['mm'.ljust(22) + ''.join(name.rjust(18) for name in records)]
+def table(record: Record) -> list[str]:
+    """Lines of a table of a result's qualities in mm, one column each."""
+    quality, correction = record['quality'], record['correction']
+    corrected = (correction or {}).get('quality') or {}
+    columns = {
+        'initial': quality['initial'],
+        'identified': quality['identified'],
+        'held-out initial': quality['test_initial'],
+        'held-out': quality['test'],
+        'corrected': corrected.get('identified'),
+        'held-out corr.': corrected.get('test'),
+    }
+    columns = {name: each for name, each in columns.items() if each is not None}
+    lines = ['mm'.ljust(22) + ''.join(name.rjust(18) for name in columns)]
     for label, group, key in ROWS:
-        values = [record[group][key] for record in records.values()]
+        values = [each[group][key] for each in columns.values()]
         cells = ['-' if value is None else f'{value * 1e3:.4f}' for value in values]
         lines.append(label.ljust(22) + ''.join(cell.rjust(18) for cell in cells))
     return lines

@@ -15,7 +15,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
 
 from calib_model.arrays import Array
 from calib_solver.fitting.levenberg_marquardt import Fit
@@ -93,6 +92,8 @@ def error_shares(problem: Problem, solver: Solver, fit: Fit, misfit: float) -> E
 def _pose_noise(problem: Problem, solver: Solver, full: Array) -> PoseNoise:
     """Variances of point and joints that explain the squared residuals about the spheres' means,
     by non-negative least squares, each weighted by what is expected of it."""
+    from scipy.optimize import nnls  # loads long, and only what is written needs it
+
     sums = solver.sums(problem, solver.offsets(full))
     count, free = problem.counts, len(solver.table.free_columns)
     freedom = 3 * int(np.maximum(count - 1, 0).sum()) - free

@@ -79,11 +79,12 @@ def enclosing_radius(points: Array) -> float:
 
 
 def _smallest(points: Array) -> tuple[Array, Array, float]:
-    """Of up to five points those that hold their smallest sphere, its centre and radius."""
-    best = (points, points.mean(axis=0), np.inf)
-    for size in (2, 3, 4):
-        for rows in combinations(range(len(points)), size):
-            held = points[list(rows)]
+    """Of up to five points those that hold their smallest sphere, its centre and radius. The last,
+    outside the smallest sphere around the others, is one of them."""
+    best, last = (points, points.mean(axis=0), np.inf), len(points) - 1
+    for size in (1, 2, 3):
+        for rows in combinations(range(last), size):
+            held = points[[*rows, last]]
             center, radius = _through(held)
             around = np.linalg.norm(points - center, axis=1).max() <= radius * (1 + ON)
             if around and radius < best[2]:
