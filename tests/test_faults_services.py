@@ -247,3 +247,6 @@ def test_nothing_was_written_outside_of_where_callers_may(
         assert not answer.success, output
         assert 'outside the folders open to callers' in answer.message
     assert not Path('/etc/arm').exists()
+    deep = ask('identify', Identify.Request(bag=bag, output='a/' * 2500))
+    assert 'File name too long' in deep.message
+    assert not (node[1].parent / 'a').exists()

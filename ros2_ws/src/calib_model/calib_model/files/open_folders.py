@@ -90,9 +90,11 @@ class Folders:
 
         Raises:
             NotPermittedError: it leads elsewhere.
-            OSError: no such folder, or there is a link now where there was none.
+            OSError: no such folder, or there is a link now where there was none, or its name is
+                longer than one can be.
         """
         root, way = self.leads_to(path)
+        refuse_too_long(root / way)
         if make:
             root.mkdir(parents=True, exist_ok=True)
         held = os.open(root, FOLDER if not way.parts else _PASSED)
@@ -137,6 +139,17 @@ def confined(reading: Folders, writing: Folders) -> Iterator[None]:
 def reach() -> Reach | None:
     """What this thread may read and write; None: what its user may."""
     return _reach.get()
+
+
+def refuse_too_long(path: Path) -> None:
+    """Nothing, where a path can be opened by its whole name. Folder by folder a deeper one could be
+    made, which few programs could remove.
+
+    Raises:
+        OSError: it is too long.
+    """
+    if len(os.fsencode(path)) >= os.pathconf('/', 'PC_PATH_MAX'):
+        raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
 
 
 def is_others(shared: os.stat_result, entry: os.stat_result) -> bool:

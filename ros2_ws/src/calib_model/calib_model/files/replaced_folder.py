@@ -17,7 +17,7 @@ from pathlib import Path
 
 from calib_model.files.folder_lock import FolderLock
 from calib_model.files.held_folder import HeldFolder, is_there, part_name, whole_name
-from calib_model.files.open_folders import NotPermittedError
+from calib_model.files.open_folders import NotPermittedError, refuse_too_long
 
 _EXCHANGE = 2  # RENAME_EXCHANGE of renameat2(2)
 
@@ -97,6 +97,7 @@ def refuse_unwritable(path: str | Path, known: Collection[str]) -> None:
         NotPermittedError: it leads out of the folders that this thread is confined to.
     """
     path = Path(os.path.realpath(path))
+    refuse_too_long(path)
     above = path
     while not is_there(above, writing=True) and above != above.parent:
         above = above.parent

@@ -205,6 +205,17 @@ def test_what_changes_between_a_look_at_the_path_and_its_use_is_not_followed(fol
     assert os.listdir(places / 'closed' / 'bag') == ['bag_0.mcap']
 
 
+@pytest.mark.parametrize('count', [2100, 5000])
+def test_no_folder_is_made_deeper_than_its_whole_name_can_be(folders, places, count):
+    deep = places / 'open' / ('b/' * count)
+    with confined(folders, folders):
+        with pytest.raises(OSError, match='File name too long'):
+            HeldFolder(deep, make=True)
+        with pytest.raises(OSError, match='File name too long'):
+            refuse_unwritable(deep, ('result.json',))
+    assert not (places / 'open' / 'b').exists()
+
+
 @pytest.mark.parametrize('within', [True, False])
 def test_a_pipe_or_a_device_is_named_and_never_waited_for(folders, places, within):
     pipe = places / 'open' / 'bag' / 'pipe'
