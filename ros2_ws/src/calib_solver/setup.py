@@ -47,6 +47,7 @@ setup(
             'verify = calib_solver.commands.verify:main',
             'compare = calib_solver.commands.compare:main',
             'kuka_figures = calib_solver.commands.kuka_figures:main',
+            'ur_kinematics = calib_solver.commands.ur_kinematics:main',
         ],
     },
 )

@@ -30,6 +30,7 @@ PARAMETER = {
 }
 #: keys beyond the contract's first list: whoever adds one says so here
 ADDED_TOP = {
+    'convention',
     'warnings',
     'rejected',
     'diagnostics',

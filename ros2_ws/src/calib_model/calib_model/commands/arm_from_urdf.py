@@ -18,10 +18,10 @@ from calib_model.transforms import RigidTransform
 ABOUT = """\
 Write the Denavit-Hartenberg description of a serial arm from its URDF.
 
-The joints between the base link and the flange link have to be revolute, continuous or fixed;
-what hangs on them besides (grippers, cameras) is left alone. Joint positions, zeros and limits
-are the URDF's. Axes that are parallel get Hayati's beta; where D-H cannot begin at the base link or
-end at the flange link, base_T_dh and dh_T_flange say the rest."""
+The joints between the base link and the flange link have to be revolute, continuous, prismatic or
+fixed; what hangs on them besides (grippers, cameras) is left alone. Joint positions, zeros and
+limits are the URDF's. Axes that are parallel get Hayati's beta; where D-H cannot begin at the base
+link or end at the flange link, base_T_dh and dh_T_flange say the rest."""
 EXAMPLE = """\
 example:
   ros2 run calib_model arm_from_urdf ur5.urdf --base base_link --flange tool0 ur5.yaml

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from calib_model.urdf.export_arm import (
         arm_urdf as arm_urdf,
         rigid_parts as rigid_parts,
+        rpy as rpy,
     )
     from calib_model.urdf.import_arm import (
         arm_from_urdf as arm_from_urdf,
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from calib_model.urdf.serial_chain import (
         ChainJoint as ChainJoint,
         SerialChain as SerialChain,
+        of_rpy as of_rpy,
         read_chain as read_chain,
     )
 else:

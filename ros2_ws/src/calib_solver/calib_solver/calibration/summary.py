@@ -7,6 +7,7 @@ from calib_model.errors import LONGEST_LINE
 from calib_solver.calibration.calibration import Calibration
 from calib_solver.results import (
     Record,
+    convention_words,
     left_out_words,
     prior_words,
     resampling_lines,
@@ -41,6 +42,8 @@ def summary_text(calibration: Calibration) -> str:
     ]
     if unseen:
         lines.append('not told by these poses, kept near nominal: ' + ', '.join(unseen))
+    if words := convention_words(calibration.record):
+        lines.append(words)
     untold = calibration.record['diagnostics']['untold']
     lines += [f'not told by any such poses: {text}' for text in untold]
     lines += sure_lines(calibration.record)

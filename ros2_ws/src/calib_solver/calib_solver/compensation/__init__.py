@@ -38,6 +38,9 @@ if TYPE_CHECKING:
         joints_csv as joints_csv,
         read_targets as read_targets,
     )
+    from calib_solver.compensation.universal_robots import (
+        driver_yaml as driver_yaml,
+    )
     from calib_solver.compensation.user_urdf import (
         corrected_urdf as corrected_urdf,
         refuse_uncorrectable as refuse_uncorrectable,

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from calib_solver.report.html import DEGREE, MM, NOTHING, UNITS, mm, paragraph, part, table
-from calib_solver.results import Record
+from calib_solver.results import Record, convention_words
 
 METHODS = {'monte_carlo': 'Monte Carlo', 'bootstrap': 'bootstrap over locations'}
 
@@ -23,10 +23,13 @@ def parameters(record: Record) -> str:
     ]
     count = sum(parameter['free'] for parameter in record['parameters'])
     told = sum(parameter['identifiable'] for parameter in record['parameters'])
-    return paragraph(
+    told_of = paragraph(
         f'{count} of {len(record["parameters"])} parameters were free, {told} of them are told by '
         'the poses. Held ones say why. Uncertainties are standard uncertainties (k = 1).'
-    ) + table('', header, rows, range(1, 5), {6: 'words'})
+    )
+    words = convention_words(record)
+    convention = paragraph(words) if words else ''
+    return convention + told_of + table('', header, rows, range(1, 5), {6: 'words'})
 
 
 def parameter_row(parameter: Record) -> list[str]:

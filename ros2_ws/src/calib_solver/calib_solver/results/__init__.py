@@ -11,6 +11,7 @@ if TYPE_CHECKING:
         scale_words as scale_words,
     )
     from calib_solver.results.files import (
+        convention_words as convention_words,
         probe_fit_record as probe_fit_record,
         refuse_no_place as refuse_no_place,
         result_record as result_record,

@@ -12,6 +12,7 @@ from calib_model import urdf
 from calib_model.descriptions import arm_yaml, correction_yaml, probe_yaml
 from calib_model.errors import CalibrationError
 from calib_model.files import RESULT_FILES, encoded, file_hashes, refuse_unwritable, replace_set
+from calib_model.instruments import CLASSIC, MODIFIED
 from calib_model.kinematics import KINDS
 from calib_model.transforms import RigidTransform
 from calib_solver.fitting import ProbeFit
@@ -44,6 +45,7 @@ def result_record(
         'schema': SCHEMA,
         'arm': done.arm.name,
         'objective': done.options.objective,
+        'convention': {'parameters': CLASSIC, 'described_in': done.arm.described_in},
         'parameters': parameter_records(done),
         'flange_T_probe': transform_record(done.probe.flange_T_probe),
         'spheres': sphere_records(done.identified.spheres),
@@ -72,6 +74,16 @@ def result_record(
         'correction': correction_record(done, corrected),
         'readings': readings_record(done),
     }
+
+
+def convention_words(record: Record) -> str:
+    """What the parameters' names mean where the description has others; '' where it has not."""
+    if record['convention']['described_in'] != MODIFIED:
+        return ''
+    return (
+        'parameters are in classic Denavit-Hartenberg form; the description gave modified ones '
+        "(Craig's), where a, alpha and beta of each joint here are those of the next one"
+    )
 
 
 def parameter_records(done: Identification) -> list[Record]:

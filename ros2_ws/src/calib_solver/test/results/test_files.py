@@ -29,7 +29,7 @@ from calib_solver.calibration import (
 )
 from calib_solver.fitting import Options
 from calib_solver.identification import identify
-from calib_solver.results.files import result_record, write_results
+from calib_solver.results.files import convention_words, result_record, write_results
 
 pytestmark = pytest.mark.timeout(60)
 FILES = ('result.json', 'arm.yaml', 'probe.yaml', 'arm.urdf', 'report.html')
@@ -349,3 +349,14 @@ def test_a_bag_that_was_cut_is_named_in_a_warning(bags, tmp_path):
     cut = calibrate(Sources((str(tmp_path / 'cut.mcap'),)), Options())
     assert any('cut.mcap: cut short' in line for line in cut.record['warnings'])
     assert calibrate(Sources((str(bags / 'seen'),)), Options()).record['warnings'] == []
+
+
+def test_parameters_of_a_description_in_craigs_convention_are_said_to_be_classic(active_scene):
+    identification = identify(active_scene.measured, Options(quick=True))
+    plain = result_record(identification)
+    assert plain['convention'] == {'parameters': 'classic', 'described_in': 'classic'}
+    assert convention_words(plain) == ''
+    arm = replace(identification.arm, described_in='modified')
+    record = result_record(replace(identification, arm=arm))
+    assert record['convention'] == {'parameters': 'classic', 'described_in': 'modified'}
+    assert convention_words(record).startswith('parameters are in classic')
