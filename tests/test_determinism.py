@@ -27,9 +27,7 @@ def run(module, *words, **environment):
 
 def timeless(record):
     """Drop how long it took, and the hash of the report, which tells the minute it was made in."""
-    return {
-        key: value for key, value in record.items() if key not in ('seconds', 'report.html')
-    }
+    return {key: value for key, value in record.items() if key not in ('seconds', 'report.html')}
 
 
 def identified(bag, output, *more, threads=2):
