@@ -10,10 +10,14 @@ from simulated_calibration import kr5, passive, simulate
 
 from calib_solver.problem import Problem
 from calib_solver.quality import assess, lengths, standard_figures
-from calib_solver.quality.standards import enclosing_radius
+from calib_solver.quality.standards import enclosing_radii
 from calib_solver.results import quality_record
 
 SEEDS = st.integers(0, 10**6)
+
+
+def enclosing_radius(points):
+    return enclosing_radii(points, np.array([len(points)]))[0]
 
 
 @given(SEEDS, st.integers(1, 60))
@@ -39,6 +43,14 @@ def test_spheres_of_known_size_are_found():
     assert enclosing_radius(obtuse) == pytest.approx(3)
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
     assert enclosing_radius(corners) == pytest.approx(np.sqrt(3) / 2)
+
+
+@given(SEEDS, st.lists(st.integers(1, 30), min_size=1, max_size=6))
+def test_many_spheres_at_once_are_those_found_one_by_one(seed, counts):
+    points = np.random.default_rng(seed).normal(size=(sum(counts), 3))
+    runs = np.split(points, np.cumsum(counts)[:-1])
+    together = enclosing_radii(points, np.array(counts))
+    assert together == pytest.approx([enclosing_radius(run) for run in runs], rel=1e-12)
 
 
 @pytest.fixture(scope='module')
