@@ -131,16 +131,17 @@ class InverseKinematics:
         return np.concatenate(found) if found else np.empty((0, self.arm.n))
 
     def _turned_into_limits(self, branch: Array) -> Array:
-        choices = []
-        for value, (lower, upper) in zip(branch, self.arm.limits, strict=True):
-            if not np.isfinite(upper - lower):
-                choices.append([float(value)])
-                continue
-            turns = np.arange(
-                np.ceil((lower - value) / (2 * np.pi)), np.floor((upper - value) / (2 * np.pi)) + 1
-            )
-            choices.append([float(value + 2 * np.pi * turn) for turn in turns])
-        found = np.array(list(product(*choices))).reshape(-1, self.arm.n)
+        lower, upper = self.arm.limits.T
+        endless = ~np.isfinite(upper - lower)
+        first = np.where(endless, 0, np.ceil((lower - branch) / (2 * np.pi)))
+        last = np.where(endless, 0, np.floor((upper - branch) / (2 * np.pi)))
+        if (first == last).all():
+            found: Array = branch[None] + 2 * np.pi * first
+        else:
+            turns = [np.arange(*ends) for ends in zip(first, last + 1, strict=True)]
+            found = branch + 2 * np.pi * np.array(list(product(*turns))).reshape(-1, self.arm.n)
+        if self.arm.coupling is None:
+            return found
         # a joint that moves by half of another's turn does not come back with it
         turned = self.arm.uncoupled(found - branch) / (2 * np.pi)
         return found[np.abs(turned - np.round(turned)).max(axis=1, initial=0.0) < SAME]

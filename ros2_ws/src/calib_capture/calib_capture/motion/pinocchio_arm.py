@@ -53,7 +53,8 @@ class PinocchioArm:
 
     def configuration(self, q: Array) -> Array:
         """Where the model's joints are (n,) in a posture q (n,)."""
-        return np.asarray(self.arm.uncoupled(q)[0], dtype=np.float64)
+        # asked for thousands of times a plan
+        return q if self.arm.coupling is None else self.arm.uncoupled(q)[0]
 
     def flange_pose(self, q: Array) -> Array:
         """`T_base_flange` (4, 4) of one posture q (n,), m."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib_model.arrays import Array
 from calib_solver.quality.assessment import Quality
@@ -70,7 +71,7 @@ def standard_figures(quality: Quality) -> StandardFigures:
     return StandardFigures(location_error, quality.displaced, repeatability, means, spreads)
 
 
-def enclosing_radii(points: Array, count: Array) -> Array:
+def enclosing_radii(points: Array, count: NDArray[np.int64]) -> Array:
     """The radius (S,) of the smallest sphere around each run of `count` (S,) of points (P, 3), in
     their unit.
 
