@@ -35,12 +35,13 @@ BELOW = {
 #: the rooms of each package: a room imports only what stands after it
 ORDER = {
     'calib_model': 'nodes commands labelling pairing bags urdf descriptions kinematics measurement '
-    'instruments files topics progress command_line bounds stamps transforms arrays errors lazy '
-    'blas_threads',
+    'measured_points instruments files topics progress command_line bounds stamps transforms '
+    'arrays errors lazy blas_threads',
     'selfcenter_probe': 'nodes commands operator simulation sensing',
     'calib_capture': 'nodes commands replaying recording program motion default_files',
     'calib_solver': 'nodes commands acceptance calibration report results resampling held_out '
-    'identification preparation left_out faults error_models compensation fitting quality problem',
+    'points identification preparation left_out faults error_models compensation fitting quality '
+    'problem',
     'calib_bringup': 'demo launching showing variants processes domains',
 }
 #: loose modules that every room may use; drawn, they would hide the rest

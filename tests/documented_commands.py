@@ -145,6 +145,7 @@ def furnish(folder: Path) -> None:
     raw_bag(ROOT / 'bags/demo/identification', folder / 'my_bag')
     raw_bag(ROOT / 'bags/demo/held_out', folder / 'my_held_out')
     seated_tables(folder)
+    tracker_tables(folder)
     for name in ('raised_left', 'left_back'):  # of the three, README imports only the first
         import_csv(
             folder / f'{name}.csv',
@@ -167,6 +168,24 @@ def raw_bag(ours: Path, theirs: Path) -> None:
         }
         for message in read_messages(ours, set(topics)):
             writer.write(channel[message.topic], message.log_time, message.data)
+
+
+def tracker_tables(folder: Path) -> None:
+    """`tracker.csv` and `tracker_test.csv`, in mm and degrees: a target on an LBR iiwa 14 as a
+    tracker saw it, the joints off by half a mrad."""
+    arm = read_description(folder / 'ARM.yaml', parse_arm)
+    generator = np.random.default_rng(2)
+    off = 5e-4 * generator.normal(size=arm.n)
+    for name, count in (('tracker', 80), ('tracker_test', 20)):
+        q = generator.uniform(-1.5, 1.5, (count, arm.n))
+        # a tracker that stands turned by a quarter, two metres off
+        x, y, z = points(arm, q + off, np.array([0.05, 0.02, 0.1])).T
+        seen = np.stack([2.0 - y, x - 0.7, z + 0.3], axis=1)
+        seen += 3e-5 * generator.normal(size=seen.shape)
+        rows = np.concatenate([np.degrees(q), 1e3 * seen], axis=1)
+        head = ','.join([*(f'q{i + 1}' for i in range(arm.n)), 'x', 'y', 'z'])
+        lines = [','.join(f'{value:.9f}' for value in row) for row in rows]
+        (folder / f'{name}.csv').write_text('\n'.join([head, *lines]) + '\n')
 
 
 def seated_tables(folder: Path) -> None:

@@ -27,6 +27,7 @@ setup(
             'plan = calib_capture.commands.plan:main',
             'replay = calib_capture.nodes.replay_node:main',
             'import_csv = calib_capture.commands.import_csv:main',
+            'import_points = calib_capture.commands.import_points:main',
             'recover = calib_capture.commands.recover:main',
             'pair = calib_capture.commands.pair:main',
         ],

@@ -8,7 +8,9 @@ from calib_model.lazy import lazily
 if TYPE_CHECKING:
     from calib_model.bags import (
         read_measurement as read_measurement,
+        read_points as read_points,
         write_measurement as write_measurement,
+        write_points as write_points,
     )
     from calib_model.descriptions import (
         arm_yaml as arm_yaml,
@@ -33,6 +35,10 @@ if TYPE_CHECKING:
     from calib_model.kinematics import (
         Correction as Correction,
         forward_kinematics as forward_kinematics,
+    )
+    from calib_model.measured_points import (
+        PointMeasurement as PointMeasurement,
+        PointSet as PointSet,
     )
     from calib_model.measurement import (
         Measurement as Measurement,

@@ -9,6 +9,7 @@ from typing import Any
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 DISPLACEMENTS = 'calib_interfaces/msg/StylusDisplacements'
 PROBING_POSE = 'calib_interfaces/msg/ProbingPose'
+MEASURED_POINT = 'calib_interfaces/msg/MeasuredPoint'
 STRING = 'std_msgs/msg/String'
 MARKERS = 'visualization_msgs/msg/MarkerArray'
 TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
@@ -46,6 +47,7 @@ class Topic:
 JOINT_STATES = Topic('/joint_states', JOINT_STATE)
 PROBE_DISPLACEMENTS = Topic('/probe/displacements', DISPLACEMENTS, reliable=False)
 CAPTURE_POSES = Topic('/capture/poses', PROBING_POSE)
+CAPTURE_POINTS = Topic('/capture/points', MEASURED_POINT)
 ARM_DESCRIPTION = Topic('/arm_description', STRING, depth=1, latched=True)
 PROBE_DESCRIPTION = Topic('/probe_description', STRING, depth=1, latched=True)
 GAUGE_DESCRIPTION = Topic('/gauge_description', STRING, depth=1, latched=True)

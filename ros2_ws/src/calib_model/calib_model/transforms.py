@@ -87,6 +87,48 @@ def rotation_vector(matrix: Array) -> Array:
     return result
 
 
+def rotation_vector_quaternion(rotation_vector: Array) -> Array:
+    """The unit quaternion (4,) x y z w of a rotation vector (3,), rad."""
+    angle = float(np.linalg.norm(rotation_vector))
+    # sin(t/2) / t = sinc / 2, which numpy has without dividing by zero
+    part = 0.5 * np.sinc(angle / (2 * np.pi)) * np.asarray(rotation_vector, dtype=np.float64)
+    return np.append(part, np.cos(angle / 2))
+
+
+def quaternion_rotations(quaternion: Array) -> Array:
+    """The rotations (N, 3, 3) of quaternions (N, 4) x y z w, of any length but zero."""
+    x, y, z, w = (quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def rotation_vectors(matrices: Array) -> Array:
+    """The rotation vectors (N, 3), rad, of rotations (N, 3, 3): `rotation_vector` for many.
+
+    By atan2 of the skew part and the trace, which keeps its digits near zero; near half a turn the
+    axis comes from the single form.
+    """
+    skewed = 0.5 * np.stack(
+        [
+            matrices[:, 2, 1] - matrices[:, 1, 2],
+            matrices[:, 0, 2] - matrices[:, 2, 0],
+            matrices[:, 1, 0] - matrices[:, 0, 1],
+        ],
+        axis=1,
+    )
+    sine = np.linalg.norm(skewed, axis=1)
+    cosine = 0.5 * (np.trace(matrices, axis1=1, axis2=2) - 1)
+    factor = np.where(sine > 1e-12, np.arctan2(sine, cosine) / np.maximum(sine, 1e-300), 1.0)
+    vectors: Array = factor[:, None] * skewed
+    for row in np.flatnonzero(cosine < -0.9):
+        vectors[row] = rotation_vector(matrices[row])
+    return vectors
+
+
 def nearest_rotation(matrix: Array) -> Array:
     """The rotation (3, 3) nearest to `matrix` in the Frobenius norm (orthogonal Procrustes)."""
     u, _, vt = np.linalg.svd(matrix)

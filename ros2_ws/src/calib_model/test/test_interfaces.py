@@ -9,10 +9,17 @@ import numpy as np
 import pytest
 
 from calib_model.bags import cdr
-from calib_model.topics import DISPLACEMENTS, JOINT_STATE, PROBING_POSE, STRING
+from calib_model.topics import (
+    DISPLACEMENTS,
+    JOINT_STATE,
+    MEASURED_POINT,
+    PROBING_POSE,
+    STRING,
+)
 
 MESSAGES = Path(__file__).resolve().parents[2] / 'calib_interfaces' / 'msg'
 STAMP = 1_700_000_000_123_456_789
+TURN = np.array([0.5, -0.5, 0.5, 0.5])
 
 
 def fields(text: str) -> list[str]:
@@ -55,10 +62,22 @@ def ours_and_theirs() -> dict[str, tuple[Any, Any]]:
                 readings=25,
             ),
         ),
+        MEASURED_POINT: (
+            cdr.measured_point(STAMP, 'base_link', 'nest 2', 3, joints, values, TURN, 2e-5),
+            interfaces.MeasuredPoint(
+                header=header,
+                target='nest 2',
+                station=3,
+                joint_position=joints.tolist(),
+                position=values,
+                orientation=TURN,
+                sigma=2e-5,
+            ),
+        ),
     }
 
 
-@pytest.mark.parametrize('name', [STRING, JOINT_STATE, DISPLACEMENTS, PROBING_POSE])
+@pytest.mark.parametrize('name', [STRING, JOINT_STATE, DISPLACEMENTS, PROBING_POSE, MEASURED_POINT])
 def test_bytes_are_those_of_rclpy_both_ways(name: str) -> None:
     serialization = pytest.importorskip('rclpy.serialization', reason='no ROS 2 here')
     ours, theirs = ours_and_theirs()[name]

@@ -8,8 +8,11 @@ from scipy.spatial.transform import Rotation
 from calib_model.transforms import (
     RigidTransform,
     nearest_rotation,
+    quaternion_rotations,
     rotation_matrix,
     rotation_vector,
+    rotation_vector_quaternion,
+    rotation_vectors,
 )
 
 NUMBERS = st.floats(-10, 10, allow_subnormal=False)
@@ -74,3 +77,14 @@ def test_transforms_cannot_be_changed_from_outside() -> None:
     assert transform.translation[0] == 0.0
     with pytest.raises(ValueError, match='read-only'):
         transform.translation[0] = 1.0
+
+
+@given(VECTORS)
+def test_quaternions_and_many_rotations_are_those_of_rodrigues(r):
+    matrix = rotation_matrix(r)
+    quaternion = rotation_vector_quaternion(r)
+    assert np.linalg.norm(quaternion) == pytest.approx(1.0, abs=1e-14)
+    np.testing.assert_allclose(quaternion_rotations(3 * quaternion[None])[0], matrix, atol=1e-12)
+    many = rotation_vectors(np.array([matrix, np.eye(3)]))
+    np.testing.assert_allclose(rotation_matrix(many[0]), matrix, atol=1e-12)
+    assert not many[1].any()

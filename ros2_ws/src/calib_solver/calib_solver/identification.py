@@ -11,7 +11,7 @@ import numpy as np
 
 from calib_model.arrays import Array
 from calib_model.blas_threads import one_blas_thread
-from calib_model.instruments import Arm, PassiveProbe, Probe
+from calib_model.instruments import Arm, Gauge, PassiveProbe, Probe
 from calib_model.kinematics import (
     DEFAULT_SIGMA,
     Correction,
@@ -107,6 +107,11 @@ class Identification:
         return estimates_of(
             self.table, self.full, self.observability, self.uncertainty, self.options.prior
         )
+
+    @property
+    def gauge(self) -> Gauge:
+        """What was probed, as long as it was taken to be."""
+        return self.problem.measured.gauge
 
     @cached_property
     def error_shares(self) -> ErrorShares:
@@ -207,7 +212,8 @@ def _solved(prepared: Prepared) -> _Solved:
     if solver.options.joint_errors:
         errors = choose_joint_errors(folds, solver, fit)
         if errors.accepted:
-            table = table_with(solver.table, problem, errors.accepted, solver.options.links)
+            arm, joints = problem.measured.arm, problem.joints
+            table = table_with(solver.table, arm, joints, errors.accepted, solver.options.links)
             solver, descent = solver.widened(table, descent)
             fit, descent = solver.solve(problem, descent)
             solver = solver.with_widths(descent)

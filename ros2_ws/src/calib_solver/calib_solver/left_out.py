@@ -78,7 +78,7 @@ class _Fold:
 
 
 @dataclass(frozen=True)
-class _Errors:
+class FoldError:
     """Of one fold, m^2: the sum of squares that is seen, that the noise and the certificate
     explain, and that the parameters' uncertainty does; `spread` is the sum of squares of the
     eigenvalues of what is stated, which says how far chance takes it."""
@@ -141,9 +141,9 @@ def judge_left_out(
     return LeftOut(
         by,
         len(folds),
-        _prediction(positions),
-        _prediction(distances) if distances else None,
-        max(_factor(positions, 0.0), _factor(distances, 1.0)),
+        prediction(positions),
+        prediction(distances) if distances else None,
+        max(growth(positions, 0.0), growth(distances, 1.0)),
     )
 
 
@@ -228,7 +228,7 @@ class _Placed:
             certified[rows] = _of_centers(problem.measured.gauge, problem.keys[rows, 1])
         return cls(residual, slope, certified)
 
-    def errors(self, sums: SphereSums, rows: IntArray, step: Array, sure: Uncertainty) -> _Errors:
+    def errors(self, sums: SphereSums, rows: IntArray, step: Array, sure: Uncertainty) -> FoldError:
         """Of the poses of some spheres, after a step (F,) that is so sure."""
         free, noise = len(step), sure.noise**2
         slope = self.slope[rows].reshape(-1, free)
@@ -241,7 +241,7 @@ class _Placed:
         by_noise = noise * 3 * count + float(sums.count[rows] @ self.certified[rows])
         by_parameters = float(np.trace(stated))
         spread = float(np.sum(stated * stated.T)) + 2 * noise * by_parameters
-        return _Errors(seen, by_noise, by_parameters, round(count), spread + 3 * count * noise**2)
+        return FoldError(seen, by_noise, by_parameters, round(count), spread + 3 * count * noise**2)
 
 
 def _of_centers(gauge: Gauge, numbers: IntArray) -> Array:
@@ -260,7 +260,7 @@ def _distances(
     step: Array,
     sure: Uncertainty,
     certified: Array,
-) -> _Errors:
+) -> FoldError:
     """Of some of the distances (m,), whose errors and slopes are `between`, after a step (F,) that
     is so sure; `certified` (m, m) is what the certificate leaves open of them, m^2."""
     slope = between[1][rows]
@@ -268,7 +268,7 @@ def _distances(
     means = _by_means(problem, sums, rows)
     by_noise = sure.noise**2 * means @ means.T + certified
     by_parameters = slope @ sure.covariance @ slope.T
-    return _Errors(
+    return FoldError(
         float(error @ error),
         float(np.trace(by_noise)),
         float(np.trace(by_parameters)),
@@ -277,7 +277,7 @@ def _distances(
     )
 
 
-def _in_common(root: Array, slope: Array, covariance: Array, parts: list[IntArray]) -> _Errors:
+def _in_common(root: Array, slope: Array, covariance: Array, parts: list[IntArray]) -> FoldError:
     """What folds have in common adds to what chance may do, to no mean: the gauge is off by the
     same at every location, and most of what tells the parameters is the same without any one.
 
@@ -287,7 +287,7 @@ def _in_common(root: Array, slope: Array, covariance: Array, parts: list[IntArra
     values, vectors = np.linalg.eigh(covariance)
     both = np.hstack([root, slope @ (vectors * np.sqrt(np.maximum(values, 0.0)))])
     squares = [float(((each.T @ each) ** 2).sum()) for each in (both, *(both[p] for p in parts))]
-    return _Errors(0.0, 0.0, 0.0, 0, max(squares[0] - math.fsum(squares[1:]), 0.0))
+    return FoldError(0.0, 0.0, 0.0, 0, max(squares[0] - math.fsum(squares[1:]), 0.0))
 
 
 def _by_means(problem: Problem, sums: SphereSums, rows: IntArray) -> Array:
@@ -304,20 +304,20 @@ def _by_means(problem: Problem, sums: SphereSums, rows: IntArray) -> Array:
     return means.reshape(len(rows), -1)
 
 
-def _totals(errors: list[_Errors]) -> Iterator[float]:
-    for field in fields(_Errors):
+def _totals(errors: list[FoldError]) -> Iterator[float]:
+    for field in fields(FoldError):
         # exact: what `sum` makes of it depends on Python's version
         yield math.fsum(getattr(one, field.name) for one in errors)
 
 
-def _prediction(errors: list[_Errors]) -> Prediction:
+def prediction(errors: list[FoldError]) -> Prediction:
     seen, noise, parameters, count, _ = _totals(errors)
     count = max(count, 1.0)
     stated = float(np.sqrt((noise + parameters) / count))
     return Prediction(float(np.sqrt(seen / count)), stated, int(count))
 
 
-def _factor(errors: list[_Errors], explained: float) -> float:
+def growth(errors: list[FoldError], explained: float) -> float:
     """By how much the parameters' stated deviations fall short of the errors seen, 1 or more.
 
     Of the noise the part `explained` is taken for such. Where places scatter more than noise and

@@ -356,3 +356,50 @@ def result(record: Record) -> None:
         joint_errors(record['joint_errors'])
     if record['correction'] is not None:
         correction(record['correction'])
+
+
+#: what a calibration by measured points has besides, and what it has in place of a pose's place
+POINT_TOP = {'targets', 'stations'}
+SIZES = {'rms', 'mean', 'max', 'count'}
+POINT_REJECTED = {'pose', 'target', 'station', 'size', 'angle', 'reason'}
+
+
+def point_quality(record: Record, oriented: bool) -> None:
+    """Q of measured points."""
+    of_a_gauge = {'distance', 'two_sigma', 'measuring_arm', 'standards'}
+    keys(record, {'phi', 'position', 'orientation', *of_a_gauge})
+    assert all(record[name] is None for name in of_a_gauge)
+    assert (record['orientation'] is not None) == oriented
+    for sizes in (record['position'], record['orientation']):
+        if sizes is not None:
+            keys(sizes, SIZES)
+            count(sizes['count'], 1)
+            for key in SIZES - {'count'}:
+                number(sizes[key], 0.0)
+
+
+def point_result(record: Record, oriented: bool) -> None:
+    """The whole of `result.json` of measured points."""
+    keys(record, TOP | POINT_TOP, ADDED_TOP)
+    assert record['objective'] == 'position'
+    assert record['spheres'] == []
+    transform(record['flange_T_probe'])
+    assert not any(one['name'].startswith('probe_') for one in record['parameters'])
+    for target in record['targets']:
+        assert type(target['target']) is str
+        three(target['translation'])
+        three(target['standard_uncertainty'], 0.0)
+        for key in ('rotation_vector', 'rotation_uncertainty'):
+            assert (target[key] is not None) == oriented
+    for station in record['stations']:
+        count(station['station'], 1)
+        for key in ('translation', 'rotation_vector'):
+            three(station[key])
+        for key in ('standard_uncertainty', 'rotation_uncertainty'):
+            three(station[key], 0.0)
+    for key in ('initial', 'identified', 'test', 'test_initial'):
+        if record['quality'][key] is not None:
+            point_quality(record['quality'][key], oriented)
+    for rejected in record['rejected']:
+        keys(rejected, POINT_REJECTED)
+    keys(record['solver'], SOLVER)

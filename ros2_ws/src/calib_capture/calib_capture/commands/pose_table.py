@@ -25,7 +25,7 @@ PERIOD = 100_000_000  # ns from row to row: a table has no times, a bag wants so
 
 
 @dataclass(frozen=True)
-class _Row:
+class Row:
     """One line of the table; errors name it."""
 
     file: Path
@@ -33,9 +33,11 @@ class _Row:
     cells: dict[str, str]
 
     def refuse(self, column: str, problem: str) -> TableError:
+        """The error that names the row, the column and the problem."""
         return TableError(f'{self.file}, line {self.line}, column {column}: {problem}')
 
     def number(self, column: str) -> float:
+        """A finite number."""
         text = self.cells[column]
         try:
             value = float(text.replace('_', '?'))  # Python's 1_000 is no number in a table
@@ -46,6 +48,7 @@ class _Row:
         return value
 
     def count(self, column: str) -> int:
+        """A whole number from 1 on."""
         value = self.number(column)
         if value != int(value) or not 1 <= value <= LARGEST_NUMBER:
             expected = f'expected a whole number from 1 to {LARGEST_NUMBER}'
@@ -100,7 +103,7 @@ def read_table(file: Path, arm: Arm, probe: Probe, gauge: Gauge) -> ProbingSet:
             known = ', '.join(map(str, gauge.numbers))
             problem = f'{gauge.name} has no sphere {sphere[-1]} (it has {known})'
             raise row.refuse('sphere', problem)
-        q.extend(_joint(row, column, arm, i) for i, column in enumerate(joints))
+        q.extend(joint_position(row, column, arm, i) for i, column in enumerate(joints))
         read = [_reading(row, *stylus) for stylus in zip(styli, strokes, strict=True)]
         s.extend(read or [0.0] * STYLI)
     if not location:
@@ -117,8 +120,9 @@ def read_table(file: Path, arm: Arm, probe: Probe, gauge: Gauge) -> ProbingSet:
     )
 
 
-def _joint(row: _Row, column: str, arm: Arm, i: int) -> float:
-    value, joint = row.number(column), arm.joints[i]
+def joint_position(row: Row, column: str, arm: Arm, i: int, unit: float = 1.0) -> float:
+    """A joint's cell times `unit`, as far as the arm's joint `i` may be there."""
+    value, joint = row.number(column) * unit, arm.joints[i]
     lower, upper = joint.limits
     if not _fits(value, joint):
         expected = f'expected rad within [{lower:.3f}, {upper:.3f}] for {joint.name}'
@@ -148,7 +152,7 @@ def _guess(value: float, joint: Joint) -> str:
     return ': is it in degrees, or counted from another zero?'
 
 
-def _reading(row: _Row, column: str, stroke: tuple[float, float]) -> float:
+def _reading(row: Row, column: str, stroke: tuple[float, float]) -> float:
     value = row.number(column)
     lower, upper = stroke
     travel = upper - lower
@@ -158,10 +162,10 @@ def _reading(row: _Row, column: str, stroke: tuple[float, float]) -> float:
     return value
 
 
-def _rows(file: Path, expected: _Header) -> Iterator[_Row]:
+def _rows(file: Path, expected: _Header) -> Iterator[Row]:
     """The rows below the header line, blank ones left out."""
     header: list[str] = []
-    for line, cells in _lines(file):
+    for line, cells in csv_lines(file):
         cells = [cell.strip() for cell in cells]
         if not any(cells):
             continue
@@ -172,12 +176,17 @@ def _rows(file: Path, expected: _Header) -> Iterator[_Row]:
             problem = f'expected {len(header)} columns as in the header line, got {len(cells)}'
             raise TableError(f'{file}, line {line}: {problem}')
         else:
-            yield _Row(file, line, dict(zip(header, cells, strict=True)))
+            yield Row(file, line, dict(zip(header, cells, strict=True)))
     if not header:
         raise TableError(f'{file}: empty, expected the header line {",".join(expected.columns)}')
 
 
-def _lines(file: Path) -> Iterator[tuple[int, list[str]]]:
+def csv_lines(file: Path) -> Iterator[tuple[int, list[str]]]:
+    """The lines of a CSV file with their numbers.
+
+    Raises:
+        TableError: it cannot be read, or is no such file.
+    """
     try:
         content = io.BytesIO(file_content(file))
     except OSError as error:

@@ -11,8 +11,12 @@ if TYPE_CHECKING:
         stamp_of as stamp_of,
     )
     from calib_model.bags.descriptions import (
+        TEMPERATURE_NOTE as TEMPERATURE_NOTE,
         BagDescriptions as BagDescriptions,
+        Temperature as Temperature,
         read_descriptions as read_descriptions,
+        read_temperature as read_temperature,
+        together as together,
     )
     from calib_model.bags.files import (
         bag_files as bag_files,
@@ -26,11 +30,16 @@ if TYPE_CHECKING:
     from calib_model.bags.measurement_writer import (
         write_descriptions as write_descriptions,
         write_measurement as write_measurement,
+        write_points as write_points,
     )
     from calib_model.bags.metadata import (
         Definition as Definition,
         FileAccount as FileAccount,
         metadata_yaml as metadata_yaml,
+    )
+    from calib_model.bags.points import (
+        has_points as has_points,
+        read_points as read_points,
     )
     from calib_model.bags.reader import (
         BagMessage as BagMessage,
@@ -46,12 +55,6 @@ if TYPE_CHECKING:
     from calib_model.bags.recovery import (
         recover as recover,
         repair as repair,
-    )
-    from calib_model.bags.temperature import (
-        TEMPERATURE_NOTE as TEMPERATURE_NOTE,
-        Temperature as Temperature,
-        read_temperature as read_temperature,
-        together as together,
     )
     from calib_model.bags.writer import (
         BagWriter as BagWriter,

@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calib_model.topics import DISPLACEMENTS, JOINT_STATE, PROBING_POSE, STRING
+from calib_model.topics import (
+    DISPLACEMENTS,
+    JOINT_STATE,
+    MEASURED_POINT,
+    PROBING_POSE,
+    STRING,
+)
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -46,6 +52,15 @@ float64[] joint_position
 float64[3] displacement
 uint32 readings
 """,
+    MEASURED_POINT: """\
+std_msgs/Header header
+string target
+uint32 station
+float64[] joint_position
+float64[3] position
+float64[4] orientation
+float64 sigma
+""",
 }
 
 
@@ -67,7 +82,7 @@ def _all_types() -> Typestore:
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
-    for name in (DISPLACEMENTS, PROBING_POSE):
+    for name in (DISPLACEMENTS, PROBING_POSE, MEASURED_POINT):
         store.register(get_types_from_msg(DEFINITIONS[name], name))
     return store
 
@@ -203,4 +218,26 @@ def probing_pose(
         joint_position=np.asarray(joints, dtype=np.float64),
         displacement=np.asarray(values, dtype=np.float64),
         readings=readings,
+    )
+
+
+def measured_point(
+    stamp: int,
+    frame: str,
+    target: str,
+    station: int,
+    joints: np.ndarray,
+    position: np.ndarray,
+    orientation: np.ndarray,
+    sigma: float,
+) -> Any:
+    """A MeasuredPoint: joints (n,), a position (3,) in m, a quaternion (4,) x y z w or zeros."""
+    return typestore().types[MEASURED_POINT](
+        header=header(stamp, frame),
+        target=target,
+        station=station,
+        joint_position=np.asarray(joints, dtype=np.float64),
+        position=np.asarray(position, dtype=np.float64),
+        orientation=np.asarray(orientation, dtype=np.float64),
+        sigma=float(sigma),
     )

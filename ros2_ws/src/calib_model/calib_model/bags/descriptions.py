@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The descriptions in a bag: the same ones from its beginning to its end."""
+"""The descriptions in a bag, the same ones from its beginning to its end, and the gauge's
+temperature as a note tells it."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
 from calib_model.bags import cdr
-from calib_model.bags.reader import BagMessage, read_messages
+from calib_model.bags.reader import BagMessage, read_messages, read_note
+from calib_model.bounds import TEMPERATURE
 from calib_model.descriptions import (
     arm_yaml,
     gauge_yaml,
@@ -30,6 +34,7 @@ from calib_model.topics import (
 
 T = TypeVar('T')
 MOST_WORDINGS = 10  # of one description in one bag
+TEMPERATURE_NOTE = 'gauge temperature'
 
 
 class BagDescriptions:
@@ -105,3 +110,46 @@ def read_descriptions(path: str | Path) -> BagDescriptions:
     for message in read_messages(path, {topic.name for topic in DESCRIPTIONS}):
         found.take(message)
     return found
+
+
+@dataclass(frozen=True)
+class Temperature:
+    """A temperature (deg C) and its standard `uncertainty` (K)."""
+
+    celsius: float
+    uncertainty: float = 0.0
+
+    @property
+    def plausible(self) -> bool:
+        """Whether there are gauges like that."""
+        lowest, highest = TEMPERATURE
+        return lowest <= self.celsius <= highest and 0 <= self.uncertainty <= highest
+
+    def content(self) -> dict[str, str]:
+        """The note that says so."""
+        return {'celsius': repr(self.celsius), 'uncertainty': repr(self.uncertainty)}
+
+
+def read_temperature(path: str | Path) -> Temperature | None:
+    """The temperature that a bag's note tells, None without one.
+
+    Raises:
+        BagError: there is no bag, or its note is none.
+    """
+    note = read_note(path, TEMPERATURE_NOTE)
+    if not note:
+        return None
+    try:
+        found = Temperature(float(note['celsius']), float(note.get('uncertainty', 0.0)))
+    except (KeyError, ValueError) as error:
+        raise BagError(f'{path}: {TEMPERATURE_NOTE}: expected celsius and uncertainty') from error
+    if not found.plausible:
+        raise BagError(f'{path}: {TEMPERATURE_NOTE}: {note["celsius"]} deg C is none')
+    return found
+
+
+def together(found: list[Temperature]) -> Temperature:
+    """One for all of several, sure to what they differ by."""
+    celsius = math.fsum(one.celsius for one in found) / len(found)
+    square = math.fsum(one.uncertainty**2 + (one.celsius - celsius) ** 2 for one in found)
+    return Temperature(celsius, math.sqrt(square / len(found)))

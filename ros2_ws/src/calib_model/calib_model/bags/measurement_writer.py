@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A whole measurement written to a bag of its own."""
+"""A whole measurement written to a bag of its own: probing poses, or measured points."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from calib_model.bags import cdr
 from calib_model.bags.writer import BagWriter
 from calib_model.descriptions import arm_yaml, gauge_yaml, probe_yaml
 from calib_model.instruments import Arm, Gauge, Probe
+from calib_model.measured_points import PointMeasurement
 from calib_model.measurement import Measurement
 from calib_model.progress import Progress, paced
-from calib_model.topics import CAPTURE_POSES, DESCRIPTIONS
+from calib_model.topics import ARM_DESCRIPTION, CAPTURE_POINTS, CAPTURE_POSES, DESCRIPTIONS
 
 
 def write_descriptions(bag: BagWriter, arm: Arm, probe: Probe, gauge: Gauge, time: int) -> None:
@@ -52,3 +53,30 @@ def write_measurement(
                 int(poses.readings[i]),
             )
             bag.write_message(CAPTURE_POSES, pose, stamp)
+
+
+def write_points(
+    path: str | Path, measured: PointMeasurement, progress: Progress | None = None
+) -> None:
+    """Points as a bag of their own; stamps become log times.
+
+    Raises:
+        BagError: there is something at `path` already, or it cannot be written.
+    """
+    points = measured.points
+    with BagWriter(path, chunk_size=1 << 20) as bag:
+        start = int(points.stamp[0]) if len(points) else 0
+        bag.write_message(ARM_DESCRIPTION, cdr.string(arm_yaml(measured.arm)), start)
+        for i in paced(range(len(points)), progress, f'writing {path}', 'points', 256):
+            stamp = int(points.stamp[i])
+            message = cdr.measured_point(
+                stamp,
+                f'station_{points.station[i]}',
+                str(points.target[i]),
+                int(points.station[i]),
+                points.joints[i],
+                points.position[i],
+                points.orientation[i],
+                float(points.sigma[i]),
+            )
+            bag.write_message(CAPTURE_POINTS, message, stamp)

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from calib_model.kinematics.jacobian import (
         probing_jacobian as probing_jacobian,
         tool_motion as tool_motion,
+        turning_jacobian as turning_jacobian,
     )
     from calib_model.kinematics.joint_errors import (
         COMPLIANCE as COMPLIANCE,

@@ -68,3 +68,21 @@ def tool_motion(arm: Arm, q: Array, flange_T_tool: RigidTransform) -> ToolMotion
         jacobian[:, 3:, i] = axis
     by_positions = arm.by_positions(jacobian)
     return ToolMotion(position, last.rotation @ T_last_tool[:3, :3], by_positions)
+
+
+def turning_jacobian(arm: Arm, q: Array) -> Array:
+    """How the flange turns, in the base frame, with a, alpha, d, theta_0, beta of every joint.
+
+    For postures q (N, n), rad; shape (N, 3, 5n) in the table's column order, rad/rad. Lengths turn
+    nothing.
+
+    Raises:
+        DataError: `q` has not the arm's number of joints.
+    """
+    turned = np.zeros((len(q), 3, len(JOINT_PARAMETERS), arm.n))
+    of = {key: JOINT_PARAMETERS.index(key) for key in ('alpha', 'theta_0', 'beta')}
+    for i, frame in enumerate(joint_frames(arm, q)):
+        turned[:, :, of['alpha'], i] = frame.x
+        turned[:, :, of['theta_0'], i] = -frame.z_joint
+        turned[:, :, of['beta'], i] = frame.rotation[:, :, 1]
+    return turned.reshape(len(q), 3, len(JOINT_PARAMETERS) * arm.n)

@@ -5,9 +5,14 @@ import numpy as np
 from finite_differences import differences
 
 from calib_model.instruments import Arm
-from calib_model.kinematics.forward import point_derivatives, points
-from calib_model.kinematics.jacobian import tool_motion
-from calib_model.transforms import RigidTransform, left_jacobian, rotation_matrix
+from calib_model.kinematics.forward import forward_kinematics, point_derivatives, points
+from calib_model.kinematics.jacobian import tool_motion, turning_jacobian
+from calib_model.transforms import (
+    RigidTransform,
+    left_jacobian,
+    rotation_matrix,
+    rotation_vectors,
+)
 
 
 def test_point_derivatives(arms: list[Arm], odd_arm: Arm) -> None:
@@ -70,3 +75,21 @@ def test_rotation_vector_jacobian() -> None:
         cross = np.cross(np.eye(3), turned)  # rows e_i x w, so its transpose is -[w]_x e_i
         found = cross.T @ left_jacobian(r)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10)
+
+
+def test_the_flange_turns_as_the_turning_jacobian_says(odd_arm):
+    q = np.random.default_rng(6).uniform(-2, 2, (4, odd_arm.n))
+    slope = turning_jacobian(odd_arm, q)
+    values = odd_arm.geometry.reshape(-1)
+    size = 1e-6
+    for column in range(len(values)):
+        step = np.zeros(len(values))
+        step[column] = size
+        ahead, behind = (
+            forward_kinematics(odd_arm.with_geometry(np.reshape(values + s, (5, -1))), q)
+            for s in (step, -step)
+        )
+        turned = ahead[:, :3, :3] @ np.swapaxes(behind[:, :3, :3], 1, 2)
+        np.testing.assert_allclose(
+            rotation_vectors(turned) / (2 * size), slope[:, :, column], atol=1e-8
+        )

@@ -12,8 +12,10 @@ from calib_model.instruments import Gauge
 SAME = 1e-9
 
 
-def same_certificate(first: Gauge, second: Gauge) -> bool:
+def same_certificate(first: Gauge | None, second: Gauge | None) -> bool:
     """Whether both are one gauge with one certificate, at whatever temperature."""
+    if first is None or second is None:
+        return False
     one, other = first.as_certified(), second.as_certified()
     return bool(
         (one.name, one.numbers) == (other.name, other.numbers)
@@ -23,13 +25,15 @@ def same_certificate(first: Gauge, second: Gauge) -> bool:
     )
 
 
-def certificate_roots(slope: Array, gauge: Gauge) -> dict[str, Array]:
+def certificate_roots(slope: Array, gauge: Gauge | None) -> dict[str, Array]:
     """Columns (R, k) whose squares add up to the covariance of R errors that are `slope` (R, 3K)
     times that of the coordinates of the gauge's spheres (m), by what they come from.
 
     `spheres` and `scale` are the certificate's, `expansion` the gauge's coefficient: these are the
-    same whenever the gauge is used. `temperature` is of one day.
+    same whenever the gauge is used. `temperature` is of one day. Without a gauge there are none.
     """
+    if gauge is None:
+        return {'none': np.zeros((len(slope), 0))}
     certified = gauge.as_certified()
     along = _centers(gauge) - _centers(gauge).mean(axis=0)
     by_scale = slope @ along.reshape(-1, 1)

@@ -17,12 +17,11 @@ from scipy.special import fdtrc, fdtri, stdtrit
 from calib_model.arrays import Array
 from calib_model.errors import DataError
 from calib_model.instruments import PassiveProbe
-from calib_model.kinematics import CorrectedArm, JointTerms, ParameterTable
-from calib_model.measurement import Measurement, ProbingSet
+from calib_model.kinematics import CorrectedArm, JointTerms
 from calib_solver.acceptance.certificate import certificate_roots, same_certificate, together
 from calib_solver.acceptance.stored_result import StoredResult
 from calib_solver.compensation import tip
-from calib_solver.problem import Problem, point_jacobian
+from calib_solver.problem import posture_jacobian
 
 Truth = NDArray[np.bool_]
 
@@ -234,14 +233,9 @@ def _slopes(
     """How the tip moves with parameters (K, 3, F) at postures (K, n)."""
     terms = _terms(earlier, later)
     table = earlier.table_with(terms)
-    gauge, count = earlier.stated.gauge, len(joints)
     # the tip as a seat: where its centre is, whatever kind of probe it belongs to
     seat = PassiveProbe(earlier.probe.name, tip(earlier.probe))
-    poses = ProbingSet.of([1] * count, [gauge.numbers[0]] * count, joints, np.zeros((count, 3)))
-    problem = Problem.of(Measurement(earlier.arm, seat, gauge, poses, earlier.folder))
-    full = earlier.full_with(terms).copy()
-    full[table.mount] = ParameterTable.of(earlier.arm, seat).nominal[table.mount]
-    _, jacobian = point_jacobian(problem, table, full, np.arange(count))
-    columns = [table.column(name) for name in names]
-    taken: Array = jacobian[:, :, columns]
-    return taken[np.argsort(problem.order)]
+    full, center = earlier.full_with(terms), np.zeros((len(joints), 3))
+    _, jacobian = posture_jacobian(earlier.arm, seat, table, full, joints, center)
+    taken: Array = jacobian[:, :, [table.column(name) for name in names]]
+    return taken

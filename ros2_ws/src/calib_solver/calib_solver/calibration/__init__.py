@@ -24,6 +24,12 @@ if TYPE_CHECKING:
         add_gauge_arguments as add_gauge_arguments,
         given_temperature as given_temperature,
     )
+    from calib_solver.calibration.points import (
+        PointCalibration as PointCalibration,
+        calibrate_points as calibrate_points,
+        hold_points as hold_points,
+        load_points as load_points,
+    )
     from calib_solver.calibration.raw_options import (
         add_raw_arguments as add_raw_arguments,
         raw_settings as raw_settings,
@@ -37,6 +43,7 @@ if TYPE_CHECKING:
     )
     from calib_solver.calibration.summary import (
         in_one_line as in_one_line,
+        point_summary_text as point_summary_text,
         summary_text as summary_text,
     )
 else:

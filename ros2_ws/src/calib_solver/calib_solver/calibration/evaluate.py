@@ -6,6 +6,7 @@ from __future__ import annotations
 from calib_model.descriptions import parse_correction, read_description
 from calib_model.progress import Progress
 from calib_solver.calibration.duplicate_poses import duplicate_lines
+from calib_solver.calibration.points import hold_points, point_evaluation_record
 from calib_solver.calibration.sources import Sources, load_all
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
@@ -22,6 +23,8 @@ def evaluation_record(
     Raises:
         CalibrationError: a bag or a description cannot be used.
     """
+    if hold_points(sources):
+        return point_evaluation_record(sources, correction)
     beyond = read_description(correction, parse_correction) if correction else None
     loaded = load_all(sources, progress)
     loaded = loaded.told_with(loaded.measured.arm, loaded.measured.probe, beyond)

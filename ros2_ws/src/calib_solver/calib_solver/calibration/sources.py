@@ -9,11 +9,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calib_model.bags import Temperature, cut_files, left_aside, read_temperature, together
+from calib_model.bags import (
+    Temperature,
+    cut_files,
+    has_points,
+    left_aside,
+    read_temperature,
+    together,
+)
 from calib_model.descriptions import (
     parse_arm,
     parse_gauge,
     parse_probe,
+    probe_yaml,
     read_description,
 )
 from calib_model.errors import DataError
@@ -114,6 +122,11 @@ def load_all(sources: Sources, progress: Progress | None = None) -> Loaded:
     )
     found: list[Part] = []
     for bag in sources.bags:
+        if has_points(bag):
+            raise DataError(
+                f'{bag}: holds measured points; the commands identify and evaluate take bags of '
+                'these alone, all else takes probing poses'
+            )
         pace = Pace(progress, f'reading {bag}', 'MB', 1e6)
         found.append(read_part(bag, given, sources.raw, sources.anew, pace))
         pace.end()
@@ -165,6 +178,11 @@ def _joined(parts: Sequence[Measurement]) -> tuple[Measurement, list[int]]:
         refuse_other_instruments(part, first)
         if not np.array_equal(part.arm.geometry, first.arm.geometry):
             raise DataError(f'{part.source}: other nominal parameters than in {first.source}')
+        if probe_yaml(part.probe) != probe_yaml(first.probe):
+            raise DataError(
+                f'{part.source}: another probe, or elsewhere on the flange, than in '
+                f'{first.source}; --probe names one for all'
+            )
         if part.gauge != first.gauge:
             raise DataError(f'{part.source}: another gauge than in {first.source}')
         own = set(map(int, part.poses.location))

@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from calib_model.errors import LONGEST_LINE
 from calib_solver.calibration.calibration import Calibration
+from calib_solver.calibration.points import PointCalibration
 from calib_solver.results import (
     Record,
     convention_words,
@@ -54,6 +57,67 @@ def summary_text(calibration: Calibration) -> str:
     lines.append(calibration.verdict)
     lines += [f'wrote {path}' for path in calibration.written]
     return '\n'.join(lines)
+
+
+def point_summary_text(calibration: PointCalibration) -> str:
+    """The same of a calibration by measured points: targets and stations besides."""
+    done, record = calibration.done, calibration.record
+    problem, left_out = done.problem, len(done.rejected)
+    lines = [f'warning: {warning}' for warning in done.warnings]
+    lines.append(
+        f'{done.arm.name}: {len(problem)} points of {_counted(problem.targets, "target")} from '
+        f'{_counted(problem.stations, "station")}, {len(done.fit.x)} of '
+        f'{_parameters(record)} parameters free'
+        + (f'; {left_out} left out as gross errors, listed under rejected' if left_out else '')
+    )
+    lines += _point_table(record)
+    lines += beyond_lines(record)
+    for target in record['targets']:
+        x, y, z = (value * 1e3 for value in target['translation'])
+        sure = max(target['standard_uncertainty']) * 1e3
+        lines.append(
+            f'target {target["target"]} on the flange: {x:.3f}, {y:.3f}, {z:.3f} mm, sure to '
+            f'{sure:.3f} mm'
+        )
+    checks = record['diagnostics']
+    if record['quality']['left_out'] is not None:
+        lines.append(left_out_words(record['quality']['left_out']))
+    sure = checks['position_uncertainty_rms']
+    lines.append(f'standard uncertainty of a position over the workspace: {sure * 1e3:.4f} mm rms')
+    noise = f'a point scatters by {checks["noise"] * 1e3:.4f} mm per coordinate'
+    if checks['orientation_noise'] is not None:
+        noise += f', an orientation by {checks["orientation_noise"] * 1e3:.4f} mrad'
+    lines.append(noise)
+    lines += prior_lines(checks['prior'])
+    lines.append(calibration.verdict)
+    lines += [f'wrote {path}' for path in calibration.written]
+    return '\n'.join(lines)
+
+
+def _point_table(record: Record) -> list[str]:
+    """Positions in mm and orientations in mrad, before, after and held-out."""
+    names = {
+        'initial': 'initial',
+        'identified': 'identified',
+        'test_initial': 'held-out initial',
+        'test': 'held-out',
+    }
+    quality = {name: record['quality'][key] for key, name in names.items()}
+    columns = {name: one for name, one in quality.items() if one is not None}
+    lines = ['mm, mrad'.ljust(22) + ''.join(name.rjust(18) for name in columns)]
+    for group, label in (('position', 'position error'), ('orientation', 'orientation error')):
+        if not any(one[group] for one in columns.values()):
+            continue
+        for key in ('mean', 'rms', 'max'):
+            found = (one[group] for one in columns.values())
+            cells = ('-' if one is None else f'{one[key] * 1e3:.4f}' for one in found)
+            head = f'{label}, {key}'.ljust(22)
+            lines.append(head + ''.join(cell.rjust(18) for cell in cells))
+    return lines
+
+
+def _counted(things: Sequence[object], name: str) -> str:
+    return f'{len(things)} {name}{"" if len(things) == 1 else "s"}'
 
 
 def in_one_line(calibration: Calibration) -> str:

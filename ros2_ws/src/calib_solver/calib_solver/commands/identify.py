@@ -16,7 +16,8 @@ OBJECTIVES = ('distance_repeatability', 'distance', 'position')
 
 ABOUT = """\
 Identify the Denavit-Hartenberg parameters of an arm, and where the probe sits on its flange,
-from bags of probing poses, or of nothing but /joint_states and /probe/displacements."""
+from bags of probing poses, or of nothing but /joint_states and /probe/displacements; or, with the
+places of its targets, from bags of points that a tracker measured (import_points)."""
 EXAMPLE = """example:
   ros2 run calib_solver identify bags/demo --test bags/demo_test --output output/demo
   ros2 run calib_solver identify my_bag --arm arm.yaml --probe probe.yaml --gauge gauge.yaml
@@ -40,9 +41,10 @@ def arguments() -> CommandParser:
     )
     parser.add_argument(
         '--objective',
-        default='distance_repeatability',
+        default='',
         metavar='NAME',
-        help=f'one of {", ".join(OBJECTIVES)} (default: %(default)s)',
+        help=f'one of {", ".join(OBJECTIVES)} (default: {OBJECTIVES[0]}; of measured points '
+        f'{OBJECTIVES[-1]})',
     )
     parser.add_argument(
         '--test',
@@ -155,7 +157,9 @@ def arguments() -> CommandParser:
     return parser
 
 
-def run(argv: Sequence[str] | None = None) -> calibration.Calibration:
+def run(
+    argv: Sequence[str] | None = None,
+) -> calibration.Calibration | calibration.PointCalibration:
     """Parse a command line and calibrate.
 
     Raises:
@@ -164,16 +168,6 @@ def run(argv: Sequence[str] | None = None) -> calibration.Calibration:
     given = arguments().parse_args(argv)
     if given.urdf and not given.output:
         raise UsageError('--urdf needs --output DIR, where robot.urdf is written')
-    options = fitting.Options(
-        given.objective,
-        tuple(given.fix),
-        tuple(given.free),
-        fitting.chosen_prior(given.prior),
-        given.loss,
-        given.correction,
-        error_models.chosen_kinds(given.joint_errors),
-        quick=given.quick,
-    )
     sources = calibration.Sources(
         tuple(given.bag),
         given.arm,
@@ -184,11 +178,28 @@ def run(argv: Sequence[str] | None = None) -> calibration.Calibration:
         given.raw,
         calibration.given_temperature(given),
     )
+    points = calibration.hold_points(sources)
+    options = fitting.Options(
+        given.objective or OBJECTIVES[-1 if points else 0],
+        tuple(given.fix),
+        tuple(given.free),
+        fitting.chosen_prior(given.prior),
+        given.loss,
+        given.correction,
+        error_models.chosen_kinds(given.joint_errors),
+        quick=given.quick,
+    )
     test = [bag for group in given.test for bag in group]
     plan = resampling.Plan(given.monte_carlo, given.bootstrap, given.seed)
     effort = calibration.Effort(
         plan, given.scheduler, Progress(sys.stderr, 'repetitions'), Progress(sys.stderr, 'MB')
     )
+    if points:
+        if given.figures:
+            raise UsageError('--figures: for probing poses of a gauge; report.html has the charts')
+        return calibration.calibrate_points(
+            sources, options, test, given.output, effort, given.urdf
+        )
     finished = calibration.calibrate(sources, options, test, given.output, effort, given.urdf)
     if given.figures:
         drawn = report.save_figures(finished.done, given.figures, finished.held_out)
@@ -201,7 +212,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def work() -> None:
         finished = run(argv)
-        print(calibration.summary_text(finished))
+        if isinstance(finished, calibration.PointCalibration):
+            print(calibration.point_summary_text(finished))
+        else:
+            print(calibration.summary_text(finished))
 
     return run_command(work)
 

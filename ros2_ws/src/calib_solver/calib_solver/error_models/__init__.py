@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         JointErrorChoice as JointErrorChoice,
         checked_kinds as checked_kinds,
         choose_joint_errors as choose_joint_errors,
+        chosen_by as chosen_by,
         chosen_kinds as chosen_kinds,
         table_with as table_with,
     )

@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calib_model.arrays import Array
 from calib_model.errors import DataError
+from calib_model.instruments import Arm
 from calib_model.kinematics import (
     COMPLIANCE,
     ENCODER,
@@ -19,7 +22,7 @@ from calib_model.kinematics import (
 )
 from calib_solver.error_models.validation_gain import FEWEST_LOCATIONS, Gain, LeaveOneOut
 from calib_solver.fitting import AUTO, Fit, Solver
-from calib_solver.problem import Folds, IntArray, Problem
+from calib_solver.problem import Folds, IntArray
 
 #: a joint on which gravity's torque stays below this (N m) says nothing of its compliance
 LEAST_TORQUE = 1e-6
@@ -90,16 +93,21 @@ def checked_kinds(kinds: tuple[str, ...], links: Links | None) -> tuple[str, ...
 
 
 def table_with(
-    table: ParameterTable, problem: Problem, kinds: tuple[str, ...], links: Links | None
+    table: ParameterTable,
+    arm: Arm,
+    joints: Array,
+    kinds: tuple[str, ...],
+    links: Links | None,
 ) -> ParameterTable:
-    """The table with the columns of some kinds; torques that are not felt are held at zero."""
+    """The table with the columns of some kinds; torques that are not felt in postures
+    `joints` (N, n) are held at zero."""
     terms = JointTerms(
         ENCODER_HARMONICS if ENCODER in kinds else 0, links if COMPLIANCE in kinds else None
     )
     wider = table.with_joint_terms(terms)
     if terms.links is None:
         return wider
-    torque = np.abs(terms.basis(problem.measured.arm, problem.joints)[:, -1]).max(axis=0)
+    torque = np.abs(terms.basis(arm, joints)[:, -1]).max(axis=0)
     for joint in np.flatnonzero(torque < LEAST_TORQUE) + 1:
         name = f'compliance_{joint}'
         reason = f'{name}: gravity does not turn joint {joint}'
@@ -121,22 +129,40 @@ def choose_joint_errors(folds: Folds, solver: Solver, fit: Fit) -> JointErrorCho
     if count < FEWEST_LOCATIONS:
         few = f'{count} locations, expected {FEWEST_LOCATIONS} to judge them by'
         return JointErrorChoice(kinds, (), 0, few, asked)
-    wider = replace(solver, table=table_with(solver.table, problem, kinds, solver.options.links))
+    wider = replace(
+        solver,
+        table=table_with(solver.table, problem.measured.arm, problem.joints, kinds, options.links),
+    )
     full = wider.table.nominal.copy()
     full[solver.table.free_columns] += fit.x
     about, information = wider.offsets(full), wider.information
     judge = LeaveOneOut(folds, wider.sums(problem, about), solver.options.objective, fit.kappa)
-    columns = {kind: _columns(wider.table, kind) for kind in ('', *kinds)}
+    return chosen_by(
+        wider.table,
+        kinds,
+        lambda columns: judge.scores(columns, information, about).mean_square,
+        len(judge.folds),
+        asked,
+    )
+
+
+def chosen_by(
+    table: ParameterTable,
+    kinds: tuple[str, ...],
+    left_out: Callable[[IntArray], Array],
+    folds: int,
+    asked: bool,
+) -> JointErrorChoice:
+    """Kinds added one by one, the best first, while `left_out` gets better: the mean squares (K,),
+    m^2, of K `folds` left out of fits of some of the table's free columns."""
+    columns = {kind: _columns(table, kind) for kind in ('', *kinds)}
     taken = columns['']
-    scores = judge.scores(taken, information, about)
+    scores = left_out(taken)
     tried: list[Tried] = []
     left = list(kinds)
     while left:
-        found = {
-            kind: judge.scores(np.union1d(taken, columns[kind]), information, about)
-            for kind in left
-        }
-        gains = {kind: found[kind].against(scores) for kind in left}
+        found = {kind: left_out(np.union1d(taken, columns[kind])) for kind in left}
+        gains = {kind: Gain.of(found[kind], scores) for kind in left}
         best = min(left, key=lambda kind: gains[kind].change)
         if not gains[best].convinces:
             tried += [Tried(kind, gains[kind], False) for kind in left]
@@ -144,7 +170,7 @@ def choose_joint_errors(folds: Folds, solver: Solver, fit: Fit) -> JointErrorCho
         tried.append(Tried(best, gains[best], True))
         taken, scores = np.union1d(taken, columns[best]), found[best]
         left.remove(best)
-    return JointErrorChoice(kinds, tuple(tried), len(judge.folds), asked=asked)
+    return JointErrorChoice(kinds, tuple(tried), folds, asked=asked)
 
 
 def _columns(table: ParameterTable, kind: str) -> IntArray:

@@ -43,6 +43,20 @@ class Gain:
     folds: int
     worst: float = 0.0
 
+    @classmethod
+    def of(cls, own: Array, other: Array) -> Gain:
+        """Of mean squares `own` (K,), m^2, over `other` ones on the same K folds."""
+        change = 0.5 * np.log((own + ROUNDING**2) / (other + ROUNDING**2))
+        error = change.std(ddof=1) / np.sqrt(len(change))
+        return cls(
+            float(change.mean()),
+            float(error),
+            float(np.sqrt(other.mean())),
+            float(np.sqrt(own.mean())),
+            len(change),
+            float(change.max()),
+        )
+
     @property
     def harmless(self) -> bool:
         """Whether no location that is left out gets worse."""
@@ -96,17 +110,7 @@ class Scores:
 
     def against(self, without: Scores) -> Gain:
         """The gain over other scores on the same folds."""
-        own, other = self.mean_square, without.mean_square
-        change = 0.5 * np.log((own + ROUNDING**2) / (other + ROUNDING**2))
-        error = change.std(ddof=1) / np.sqrt(len(change))
-        return Gain(
-            float(change.mean()),
-            float(error),
-            float(np.sqrt(other.mean())),
-            float(np.sqrt(own.mean())),
-            len(change),
-            float(change.max()),
-        )
+        return Gain.of(self.mean_square, without.mean_square)
 
 
 class LeaveOneOut:

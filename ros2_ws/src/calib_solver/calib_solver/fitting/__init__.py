@@ -16,6 +16,10 @@ if TYPE_CHECKING:
         linear_step as linear_step,
         minimise as minimise,
     )
+    from calib_solver.fitting.minimiser import (
+        Descent as Descent,
+        Minimiser as Minimiser,
+    )
     from calib_solver.fitting.objectives import (
         OBJECTIVES as OBJECTIVES,
         Objective as Objective,
@@ -30,7 +34,10 @@ if TYPE_CHECKING:
     )
     from calib_solver.fitting.observability import (
         Observability as Observability,
+        ParameterEstimate as ParameterEstimate,
+        estimates_of as estimates_of,
         observe as observe,
+        quantity as quantity,
     )
     from calib_solver.fitting.options import (
         AUTO as AUTO,
@@ -38,10 +45,9 @@ if TYPE_CHECKING:
         LOSSES as LOSSES,
         Options as Options,
     )
-    from calib_solver.fitting.parameter_estimates import (
-        ParameterEstimate as ParameterEstimate,
-        estimates_of as estimates_of,
-        quantity as quantity,
+    from calib_solver.fitting.pose_noise import (
+        ASSUMED_NOISE as ASSUMED_NOISE,
+        full_inverse as full_inverse,
     )
     from calib_solver.fitting.prior import (
         DEFAULT_PRIOR as DEFAULT_PRIOR,
@@ -58,7 +64,6 @@ if TYPE_CHECKING:
     )
     from calib_solver.fitting.solver import (
         Accumulate as Accumulate,
-        Descent as Descent,
         Solver as Solver,
         try_probe_fit as try_probe_fit,
     )
@@ -66,10 +71,13 @@ if TYPE_CHECKING:
         Uncertainty as Uncertainty,
         certificate_covariance as certificate_covariance,
         certified_root as certified_root,
+        covariance_of as covariance_of,
         estimate_uncertainty as estimate_uncertainty,
+        prior_width as prior_width,
     )
     from calib_solver.fitting.workspace import (
         Workspace as Workspace,
+        drawn_postures as drawn_postures,
         over_workspace as over_workspace,
         problem_at as problem_at,
         workspace_at as workspace_at,

@@ -201,7 +201,8 @@ class _State:
     @property
     def rounding(self) -> float:
         """The part of the cost that is rounding, m^2."""
-        return float(max(self.quadratic.terms, 1.0) * ROUNDING**2)
+        least = float(max(self.quadratic.terms, 1.0) * ROUNDING**2)
+        return max(least, self.quadratic.rounding)
 
     def _cost(self, quadratic: Quadratic, x: Array) -> float:
         return quadratic.phi + self.kappa * float(self.information @ x**2)

@@ -23,7 +23,8 @@ class Quadratic:
     """phi (m^2) with J'r (F,) and J'J (F, F), and how many residuals `terms` it rests on.
 
     `rows`, where there are few, are J (M, F) and r (M,) themselves: they keep the digits of weak
-    directions that squaring loses.
+    directions that squaring loses. `rounding` (m^2) is how far phi may be off by it, where that is
+    more than residuals of a metre-sized arm explain.
     """
 
     phi: float
@@ -31,6 +32,7 @@ class Quadratic:
     normal: Array
     terms: float
     rows: tuple[Array, Array] | None = None
+    rounding: float = 0.0
 
     def __add__(self, other: Quadratic) -> Quadratic:
         return Quadratic(

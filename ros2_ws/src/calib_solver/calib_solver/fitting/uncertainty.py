@@ -86,11 +86,24 @@ def estimate_uncertainty(
     scatter = noise * misfit * parts.by_pose.sum(axis=0) + parts.by_certificate
     # the truth lies about nominal as the prior says: its pull is an error of that size
     pull = kappa**2 * information * strength * wider**2
-    inverse, untold = _told_and_untold(hessian, information, strength * wider**2)
+    covariance = covariance_of(scatter + np.diag(pull), hessian, information, strength * wider**2)
+    return Uncertainty(covariance, float(np.sqrt(noise)), misfit, assumed)
+
+
+def covariance_of(
+    scatter: Array, hessian: Array, information: Array, strength: Array | float
+) -> Array:
+    """The covariance (F, F) at a minimum whose gradient has the covariance `scatter` (F, F).
+
+    `hessian` (F, F) is J'J with the prior's share; what neither tells is as sure as the prior's
+    `information` (F,), strength / sigma^2, says, or known to 1 m and 1 rad without one.
+    """
+    inverse, untold = _told_and_untold(hessian, information, strength)
     # by way of a square root of the scatter, so that rounding leaves no negative variance
-    squares, axes = np.linalg.eigh(scatter + np.diag(pull))
+    squares, axes = np.linalg.eigh(scatter)
     root = inverse @ (axes * np.sqrt(np.maximum(squares, 0.0)))
-    return Uncertainty(root @ root.T + untold, float(np.sqrt(noise)), misfit, assumed)
+    covariance: Array = root @ root.T + untold
+    return covariance
 
 
 def _told_and_untold(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib_model.arrays import Array, median
+from calib_model.instruments import Arm
 from calib_model.kinematics import ParameterTable
 from calib_model.measurement import ProbingSet
 from calib_solver.problem import Problem, point_jacobian
@@ -57,8 +58,11 @@ def over_workspace(
     problem: Problem, table: ParameterTable, full: Array, seed: int = 0
 ) -> Workspace:
     """At postures drawn evenly from the joints' ranges."""
-    arm = problem.measured.arm
+    return workspace_at(problem, table, full, drawn_postures(problem.measured.arm, seed))
+
+
+def drawn_postures(arm: Arm, seed: int = 0) -> Array:
+    """Postures (K, n), rad, m of a rail, drawn evenly from the joints' ranges."""
     generator = np.random.default_rng(seed)
     lower, upper = arm.ranges.T
-    joints = generator.uniform(lower, upper, (POSTURES, arm.n))
-    return workspace_at(problem, table, full, joints)
+    return generator.uniform(lower, upper, (POSTURES, arm.n))

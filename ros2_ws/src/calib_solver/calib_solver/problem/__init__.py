@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         accumulate_numpy as accumulate_numpy,
         by_joint as by_joint,
         point_jacobian as point_jacobian,
+        posture_jacobian as posture_jacobian,
     )
     from calib_solver.problem.subproblem import (
         Folds as Folds,

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib_model.arrays import Array
-from calib_model.instruments import Arm
+from calib_model.instruments import Arm, Probe
 from calib_model.kinematics import ParameterTable, probing_jacobian
 from calib_solver.problem import kernel as compiled
 from calib_solver.problem.problem import IntArray, Problem
@@ -137,7 +137,14 @@ def point_jacobian(
     with the parameters is left out: it is to their effect what that is to the arm.
     """
     arm, probe = table.apply(full, problem.measured.arm, problem.measured.probe)
-    joints, centers = problem.joints[rows], problem.centers[rows]
+    return posture_jacobian(arm, probe, table, full, problem.joints[rows], problem.centers[rows])
+
+
+def posture_jacobian(
+    arm: Arm, probe: Probe, table: ParameterTable, full: Array, joints: Array, centers: Array
+) -> tuple[Array, Array]:
+    """The same at postures `joints` (R, n) with `centers` (R, 3), m, in the frame of the probe;
+    `arm` and `probe` are those of all columns `full` (C,)."""
     errors = table.joint_errors(full)
     if errors is None:
         return probing_jacobian(arm, probe, joints, centers)

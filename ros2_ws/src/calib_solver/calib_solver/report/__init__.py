@@ -31,5 +31,8 @@ if TYPE_CHECKING:
     from calib_solver.report.png import (
         save_figures as save_figures,
     )
+    from calib_solver.report.points import (
+        point_report_html as point_report_html,
+    )
 else:
     __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib_model.arrays import Array
+from calib_solver.fitting import Fit
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
 from calib_solver.quality import Quality, lengths
@@ -211,7 +212,12 @@ def _rms_by_angle(q: Array, size: Array) -> tuple[Array, Array]:
 
 def convergence_chart(done: Identification) -> Chart:
     """The objective, step by step."""
-    history = np.array([*done.fit.history, done.fit.quadratic.phi])
+    return convergence_of(done.fit)
+
+
+def convergence_of(fit: Fit) -> Chart:
+    """The objective of a fit, step by step."""
+    history = np.array([*fit.history, fit.quadratic.phi])
     steps = np.arange(len(history), dtype=float)
     values = np.maximum(history * 1e6, 1e-30)
     return Chart(

@@ -13,7 +13,7 @@ SHOWN_REJECTED = 50
 OBJECTIVES = {
     'distance_repeatability': 'distance errors and 2 sigma together (eq. 11)',
     'distance': 'distance errors alone (eq. 13)',
-    'position': 'positions against the certificate (eq. 10)',
+    'position': 'positions, what they are held against at its best place (eq. 10)',
 }
 
 

@@ -26,6 +26,10 @@ if TYPE_CHECKING:
         limits_of as limits_of,
         parse_limits as parse_limits,
     )
+    from calib_solver.results.points import (
+        point_quality_record as point_quality_record,
+        point_result_record as point_result_record,
+    )
     from calib_solver.results.quality import (
         Record as Record,
         left_out_words as left_out_words,

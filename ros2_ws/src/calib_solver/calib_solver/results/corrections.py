@@ -3,12 +3,28 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 from calib_model.kinematics import KINDS
-from calib_solver.error_models import Gain
+from calib_solver.error_models import Gain, JointErrorChoice
 from calib_solver.fitting import ParameterEstimate
 from calib_solver.identification import Identification
 from calib_solver.quality import Quality
 from calib_solver.results.quality import Record, quality_record
+
+
+class WithJointErrors(Protocol):
+    """An identification of either kind, as far as joint errors go."""
+
+    @property
+    def joint_error_choice(self) -> JointErrorChoice | None:
+        """What was offered and tried."""
+        ...
+
+    @property
+    def estimates(self) -> tuple[ParameterEstimate, ...]:
+        """What is said of every parameter."""
+        ...
 
 
 def estimate_record(estimate: ParameterEstimate) -> Record:
@@ -25,7 +41,7 @@ def estimate_record(estimate: ParameterEstimate) -> Record:
     }
 
 
-def joint_errors_record(done: Identification) -> Record | None:
+def joint_errors_record(done: WithJointErrors) -> Record | None:
     """Which joint errors were offered and which identified; None where none was asked for."""
     choice = done.joint_error_choice
     if choice is None:

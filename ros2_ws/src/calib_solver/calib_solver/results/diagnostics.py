@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, Protocol
 
 import numpy as np
 
 from calib_model.arrays import Array
 from calib_model.instruments import Gauge
+from calib_solver.fitting import Options
 from calib_solver.identification import Identification
 
 #: kinds of an arm's parameters, for people
@@ -21,6 +23,15 @@ KINDS = {
 }
 #: so many times what is usual is worth a word
 FURTHER = 2.0
+
+
+class Chosen(Protocol):
+    """An identification of either kind, as far as its options go."""
+
+    @property
+    def options(self) -> Options:
+        """What was chosen, with the widths that the evidence gave."""
+        ...
 
 
 def diagnostics_record(done: Identification) -> dict[str, Any]:
@@ -64,7 +75,7 @@ def scale_words(gauge: Gauge) -> str:
     )
 
 
-def prior_record(done: Identification) -> dict[str, Any]:
+def prior_record(done: Chosen) -> dict[str, Any]:
     """The strength used, and by how many times what is usual each kind is off by the evidence."""
     prior = done.options.prior
     return {
@@ -119,6 +130,11 @@ def by_location(done: Identification, deviation: Array) -> list[dict[str, Any]]:
 
 
 def by_joint(done: Identification, deviation: Array) -> list[dict[str, Any]]:
+    """What of the poses' deviations (N, 3), m, goes with each joint."""
+    return joint_shares(done.arm.joint_names, done.problem.joints, deviation)
+
+
+def joint_shares(names: Sequence[str], joints: Array, deviation: Array) -> list[dict[str, Any]]:
     """The share of the residuals' variance that goes with one joint's angle alone.
 
     Regressed on the first two harmonics of each joint; what is much above its share by chance
@@ -126,7 +142,7 @@ def by_joint(done: Identification, deviation: Array) -> list[dict[str, Any]]:
     """
     total = float((deviation**2).sum())
     records = []
-    for name, q in zip(done.arm.joint_names, done.problem.joints.T, strict=True):
+    for name, q in zip(names, joints.T, strict=True):
         harmonics = np.stack([np.sin(q), np.cos(q), np.sin(2 * q), np.cos(2 * q)], axis=1)
         harmonics = np.concatenate([np.ones((len(q), 1)), harmonics], axis=1)
         fitted = harmonics @ np.linalg.lstsq(harmonics, deviation, rcond=1e-10)[0]

@@ -6,14 +6,14 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from calib_model import urdf
 from calib_model.descriptions import arm_yaml, correction_yaml, probe_yaml
 from calib_model.errors import CalibrationError
 from calib_model.files import RESULT_FILES, encoded, file_hashes, refuse_unwritable, replace_set
-from calib_model.instruments import CLASSIC, MODIFIED
-from calib_model.kinematics import KINDS
+from calib_model.instruments import CLASSIC, MODIFIED, Arm, Probe
+from calib_model.kinematics import KINDS, Correction
 from calib_model.transforms import RigidTransform
 from calib_solver.fitting import ProbeFit
 from calib_solver.held_out import HeldOut
@@ -28,12 +28,31 @@ from calib_solver.results.quality import (
 )
 from calib_solver.results.readings import readings_record
 from calib_solver.results.resampling import resampling_record
-from calib_solver.results.uncertainty import UNCERTAINTY, uncertainty_text
+from calib_solver.results.uncertainty import UNCERTAINTY, Stating, uncertainty_text
 
 if TYPE_CHECKING:
     from calib_solver.resampling import Resampled
 
 SCHEMA = 1
+
+
+class Corrected(Stating, Protocol):
+    """An identification of either kind, as far as its files go."""
+
+    @property
+    def arm(self) -> Arm:
+        """The arm as it is."""
+        ...
+
+    @property
+    def probe(self) -> Probe:
+        """The probe, or the first target, on its flange."""
+        ...
+
+    @property
+    def correction(self) -> Correction | None:
+        """What is corrected beyond the D-H parameters."""
+        ...
 
 
 def result_record(
@@ -72,7 +91,7 @@ def result_record(
         'resampling': resampling_record(done, resampled) if resampled is not None else None,
         'joint_errors': joint_errors_record(done),
         'correction': correction_record(done, corrected),
-        'readings': readings_record(done),
+        'readings': readings_record(done.problem.measured.poses),
     }
 
 
@@ -128,14 +147,13 @@ def refuse_no_place(folder: str | Path) -> None:
 
 def write_results(
     folder: str | Path,
-    done: Identification,
+    done: Corrected,
     record: Record,
     report: str,
     more: Mapping[str, bytes] | None = None,
 ) -> list[Path]:
     """Write `result.json`, `arm.yaml`, `probe.yaml`, `arm.urdf`, `report.html`,
-    `uncertainty.json`, and
-    `correction.yaml` where there is something beyond the D-H parameters.
+    `uncertainty.json`, and `correction.yaml` where there is something beyond the D-H parameters.
 
     They take the place of an earlier result's files in one step, and those that this one has not
     are taken away; `files` of the record says what belongs together. `more` are further files of

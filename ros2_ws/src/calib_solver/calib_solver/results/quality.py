@@ -22,6 +22,12 @@ from calib_solver.quality import (
 )
 
 Record = dict[str, Any]
+#: by what was left out: where that is, and the parts
+LEFT_OUT_WORDS = {
+    'location': ('at a place never probed', 'locations'),
+    'posture': ('in postures never probed', 'regions of postures'),
+    'station': ('from a station never used', 'groups of stations'),
+}
 SINGLE_POINT = (
     'spheres',
     'points',
@@ -134,9 +140,7 @@ def left_out_record(left_out: LeftOut) -> Record:
 def left_out_words(record: Record) -> str:
     """The same in a sentence: what is to be expected where nobody probed."""
     position = record['position']
-    by_location = record['by'] == 'location'
-    where = 'at a place never probed' if by_location else 'in postures never probed'
-    part = 'locations' if by_location else 'regions of postures'
+    where, part = LEFT_OUT_WORDS[record['by']]
     text = (
         f'{where}: {position["rms"] * 1e3:.4f} mm, stated {position["stated"] * 1e3:.4f} mm '
         f'(rms of poses, {record["folds"]} {part} left out in turn)'

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -19,8 +19,9 @@ from calib_model.descriptions import gauge_yaml, parse_gauge
 from calib_model.errors import CalibrationError
 from calib_model.files import file_content
 from calib_model.instruments import Gauge
+from calib_model.kinematics import ParameterTable
 from calib_solver.fitting import ErrorShares, PoseNoise
-from calib_solver.identification import Identification
+from calib_solver.left_out import LeftOut
 
 UNCERTAINTY = 'uncertainty.json'
 
@@ -28,18 +29,43 @@ UNCERTAINTY = 'uncertainty.json'
 @dataclass(frozen=True)
 class StatedErrors:
     """The errors of the free parameters `names` (F,) by where they come from, those by noise
-    enlarged as all stated uncertainties are; `gauge` is as long as it was taken to be."""
+    enlarged as all stated uncertainties are; `gauge` is as long as it was taken to be, None of
+    measured points."""
 
     names: tuple[str, ...]
     shares: ErrorShares
-    gauge: Gauge
+    gauge: Gauge | None
 
 
-def uncertainty_text(done: Identification) -> str:
+class Stating(Protocol):
+    """An identification of either kind, as far as its uncertainties go."""
+
+    @property
+    def table(self) -> ParameterTable:
+        """All parameters, free ones among them."""
+        ...
+
+    @property
+    def error_shares(self) -> ErrorShares:
+        """Where the error of the free parameters comes from."""
+        ...
+
+    @property
+    def left_out(self) -> LeftOut | None:
+        """What parts left out say of it."""
+        ...
+
+    @property
+    def gauge(self) -> Gauge | None:
+        """What was probed; measured points have none."""
+        ...
+
+
+def uncertainty_text(done: Stating) -> str:
     """The file's content."""
     shares = done.error_shares
     factor = done.left_out.factor if done.left_out is not None else 1.0
-    gauge = done.problem.measured.gauge
+    gauge = done.gauge
     record = {
         'schema': 1,
         'parameters': [parameter.name for parameter in done.table.free],
@@ -52,8 +78,8 @@ def uncertainty_text(done: Identification) -> str:
             'joints': np.sqrt(shares.poses.joints).tolist(),
             'freedom': shares.poses.freedom,
         },
-        'gauge': gauge_yaml(gauge.as_certified()),
-        'temperature': _temperature(gauge),
+        'gauge': gauge_yaml(gauge.as_certified()) if gauge is not None else None,
+        'temperature': _temperature(gauge) if gauge is not None else None,
     }
     return json.dumps(record, allow_nan=False) + '\n'
 
@@ -89,10 +115,10 @@ def read_uncertainty(folder: str | Path) -> StatedErrors:
 
 def _stated(record: dict[str, Any], source: str) -> StatedErrors:
     names = tuple(map(str, record['parameters']))
-    gauge = parse_gauge(record['gauge'], source)
-    free, centers = len(names), 3 * len(gauge.spheres)
+    gauge = parse_gauge(record['gauge'], source) if record['gauge'] is not None else None
+    free, centers = len(names), 3 * len(gauge.spheres) if gauge is not None else 0
     warmth = record['temperature']
-    if warmth is not None:
+    if warmth is not None and gauge is not None:
         gauge = gauge.at(float(warmth['celsius']), float(warmth['uncertainty']))
     poses = record['poses']
     noise = PoseNoise(

@@ -112,7 +112,7 @@ def test_columns_are_what_differences_say(bent):
     rng = np.random.default_rng(9)
     for kinds, exact in ((('encoder',), True), (KINDS, False)):
         table = identifiable_table(bent.measured.arm, bent.measured.probe)
-        table = table_with(table, problem, kinds, LINKS)
+        table = table_with(table, problem.measured.arm, problem.joints, kinds, LINKS)
         full = table.nominal + 1e-4 * rng.normal(size=len(table.nominal))
         full[[i for i, p in enumerate(table.parameters) if p.kind == 'compliance']] *= 0.1
         rows = np.arange(0, len(problem.joints), 37)
@@ -136,7 +136,7 @@ def test_columns_are_what_differences_say(bent):
 def test_a_table_without_joint_errors_has_the_sums_it_had(plain):
     problem = Problem.of(plain.measured)
     table = identifiable_table(plain.measured.arm, plain.measured.probe)
-    wider = table_with(table, problem, KINDS, LINKS)
+    wider = table_with(table, problem.measured.arm, problem.joints, KINDS, LINKS)
     free = len(table.free_columns)
     narrow = accumulate(problem, table, table.nominal)
     wide = accumulate(problem, wider, wider.nominal)

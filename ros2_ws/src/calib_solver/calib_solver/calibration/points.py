@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A calibration by measured points, from bags to files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from calib_model import urdf as urdf_files
+from calib_model.bags import has_points, read_points
+from calib_model.descriptions import (
+    parse_arm,
+    parse_correction,
+    read_description,
+    read_links,
+)
+from calib_model.errors import DataError
+from calib_model.measured_points import PointMeasurement
+from calib_solver import compensation, report
+from calib_solver.calibration.calibration import Effort
+from calib_solver.calibration.sources import Sources, unread_lines
+from calib_solver.fitting import Options
+from calib_solver.points import (
+    HeldOutPoints,
+    PointIdentification,
+    PointProblem,
+    checked_point_options,
+    fitted_quality,
+    held_out_points,
+    identify_points,
+    joined_points,
+)
+from calib_solver.results import (
+    Record,
+    point_quality_record,
+    point_result_record,
+    refuse_no_place,
+    write_results,
+)
+
+
+@dataclass(frozen=True)
+class PointCalibration:
+    """A finished `identify` of measured points: as `Calibration`."""
+
+    done: PointIdentification
+    held_out: HeldOutPoints | None
+    record: Record
+    written: tuple[Path, ...]
+
+    @property
+    def verdict(self) -> str:
+        """How it went, in one line."""
+        fit = self.done.fit
+        outcome = 'converged' if fit.converged else 'NOT CONVERGED'
+        return f'{outcome} after {fit.iterations} iterations: {fit.reason}'
+
+
+def hold_points(sources: Sources) -> bool:
+    """Whether these are bags of measured points.
+
+    Raises:
+        BagError: a bag is missing or cannot be read.
+        DataError: some are and some are not.
+    """
+    found = {bag: has_points(bag) for bag in sources.bags}
+    if len(set(found.values())) > 1:
+        first = next(bag for bag, points in found.items() if points)
+        other = next(bag for bag, points in found.items() if not points)
+        raise DataError(
+            f'{first}: holds measured points, {other} does not: they are no one measurement'
+        )
+    return bool(found) and all(found.values())
+
+
+def load_points(sources: Sources) -> tuple[PointMeasurement, int]:
+    """The points of one or several bags, and how many copies of others were left out.
+
+    Raises:
+        CalibrationError: a bag or a description cannot be read, they do not go together, or
+            something is given that points do not have.
+    """
+    for name in ('probe', 'gauge'):
+        if getattr(sources, name):
+            raise DataError(f'--{name}: measured points take no {name}')
+    if sources.temperature is not None:
+        raise DataError('--temperature: measured points have no gauge')
+    arm = read_description(sources.arm, parse_arm) if sources.arm else None
+    measured = joined_points([read_points(bag, arm) for bag in sources.bags])
+    points = measured.points
+    names = np.unique(points.target, return_inverse=True)[1].reshape(-1)
+    rows = np.column_stack([names, points.station, points.joints, points.position]) + 0.0
+    packed = np.ascontiguousarray(rows).view(f'V{rows.shape[1] * rows.itemsize}').reshape(-1)
+    first = np.unique(packed, return_index=True)[1]
+    copies = len(points) - len(first)
+    if copies:
+        measured = replace(measured, points=points.take(np.sort(first)))
+    return measured, copies
+
+
+def calibrate_points(
+    sources: Sources,
+    options: Options,
+    test: Sequence[str] = (),
+    output: str = '',
+    effort: Effort | None = None,
+    urdf: str = '',
+) -> PointCalibration:
+    """Identify from bags of points, judge on held-out ones, write the results.
+
+    Raises:
+        CalibrationError: anything that keeps it from being done; nothing is written then.
+    """
+    effort = effort or Effort()
+    options = checked_point_options(options)
+    if not effort.plan.empty or effort.scheduler:
+        raise DataError(
+            '--monte-carlo, --bootstrap and --scheduler are for probing poses of a gauge; measured '
+            'points are judged by groups of them left out in turn'
+        )
+    if output:
+        refuse_no_place(output)
+    if urdf and not output:
+        raise DataError('a corrected URDF is written beside the results: name a folder for them')
+    own = urdf_files.read_urdf(urdf) if urdf else b''
+    unseen = load_points(replace(sources, bags=tuple(test)))[0] if test else None
+    measured, copies = load_points(sources)
+    if urdf:
+        compensation.refuse_uncorrectable(own, measured.arm, urdf)
+    if sources.links:
+        options = replace(options, links=read_links(sources.links, measured.arm))
+    done = identify_points(measured, options)
+    held_out = held_out_points(unseen, done) if unseen is not None else None
+    first = unread_lines((*sources.bags, *test))
+    if copies:
+        first = (*first, f'{copies} points are copies of others: each counts once')
+    done = replace(done, warnings=(*first, *done.warnings))
+    record = point_result_record(done, held_out)
+    written: list[Path] = []
+    more: dict[str, bytes] = {}
+    if urdf:
+        more['robot.urdf'] = compensation.corrected_urdf(own, measured.arm, done.arm, urdf)
+    if output:
+        given = report.Inputs(sources.bags, tuple(test), _given(sources))
+        page = report.point_report_html(done, record, given, held_out)
+        written = write_results(output, done, record, page, more)
+    return PointCalibration(done, held_out, record, tuple(written))
+
+
+def _given(sources: Sources) -> tuple[tuple[str, str], ...]:
+    named = ((of, getattr(sources, of)) for of in ('arm', 'links'))
+    return tuple((of, path) for of, path in named if path)
+
+
+def point_evaluation_record(sources: Sources, correction: str = '') -> Record:
+    """The quality of given parameters on points, targets and stations where they fit best.
+
+    Raises:
+        CalibrationError: a bag or a description cannot be used.
+    """
+    beyond = read_description(correction, parse_correction) if correction else None
+    measured, _ = load_points(sources)
+    problem = PointProblem.of(measured)
+    problem.refuse_too_few()
+    return point_quality_record(fitted_quality(problem, measured.arm, beyond))

@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Eq. 10 for points of targets on the flange that a tracker measured: no gauge, no probe."""
+
+from typing import TYPE_CHECKING
+
+from calib_model.lazy import lazily
+
+if TYPE_CHECKING:
+    from calib_solver.points.identification import (
+        Placed as Placed,
+        PointIdentification as PointIdentification,
+        checked_point_options as checked_point_options,
+        held_out_points as held_out_points,
+        identify_points as identify_points,
+        joined_points as joined_points,
+    )
+    from calib_solver.points.problem import (
+        PointProblem as PointProblem,
+    )
+    from calib_solver.points.quality import (
+        HeldOutPoints as HeldOutPoints,
+        PointQuality as PointQuality,
+        fitted_quality as fitted_quality,
+    )
+else:
+    __getattr__, __dir__, __all__ = lazily(__name__, __file__)

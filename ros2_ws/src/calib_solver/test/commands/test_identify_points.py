@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bags of measured points through the commands, in this process."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import result_schema
+from simulated_calibration import Scene
+from simulated_points import tracked
+
+from calib_model.bags import cdr, write_measurement, write_points
+from calib_model.bags.points import _quickly, _row_of
+from calib_model.topics import MEASURED_POINT
+from calib_solver.commands import compensate, evaluate, identify
+
+
+@pytest.fixture(scope='module')
+def bags(tmp_path_factory) -> dict[str, str]:
+    """Three targets seen from two stations with orientations, unseen ones, and one gross error."""
+    folder = tmp_path_factory.mktemp('points')
+    scene = tracked(7, 150, 3, 2, True, 4e-5, 1e-4)
+    position = scene.measured.points.position.copy()
+    position[20] += 0.01
+    spoilt = replace(scene.measured, points=replace(scene.measured.points, position=position))
+    write_points(folder / 'bag', spoilt)
+    write_points(folder / 'test', tracked(8, 40, 3, 2, True, 4e-5, 1e-4, world=7).measured)
+    return {name: str(folder / name) for name in ('bag', 'test')}
+
+
+@pytest.fixture(scope='module')
+def output(bags, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp('result') / 'out'
+    assert identify.main([bags['bag'], '--test', bags['test'], '--output', str(folder)]) == 0
+    return folder
+
+
+def test_the_result_is_as_the_contract_lists_it(output: Path) -> None:
+    text = (output / 'result.json').read_text()
+    record = json.loads(text, parse_constant=result_schema.refuse_constant)
+    result_schema.point_result(record, oriented=True)
+    assert [one['target'] for one in record['targets']] == ['1', '2', '3']
+    assert [one['station'] for one in record['stations']] == [1, 2]
+    assert [one['pose'] for one in record['rejected']] == [21]
+    assert record['quality']['test']['position']['mean'] < 1.2e-4
+    assert record['quality']['test_initial']['position']['mean'] > 5e-4
+    assert record['solver']['converged']
+
+
+def test_the_report_speaks_of_targets_and_stations(output: Path) -> None:
+    page = (output / 'report.html').read_text()
+    for words in ('Targets and stations', 'Points left out', 'Turned by'):
+        assert words in page
+    for words in ('sphere', 'gauge', 'certificate'):
+        assert words not in page.lower().partition('inputs and versions')[0]
+
+
+def test_evaluate_takes_points(bags, output: Path, capsys) -> None:
+    assert evaluate.main([bags['test'], '--arm', str(output / 'arm.yaml')]) == 0
+    record = json.loads(capsys.readouterr().out)
+    result_schema.point_quality(record, oriented=True)
+    assert record['position']['mean'] < 1.2e-4
+
+
+def test_the_first_target_is_the_tool_of_compensate(output: Path, tmp_path: Path) -> None:
+    table = tmp_path / 'targets.csv'
+    table.write_text('x,y,z\n0.4,0.1,0.5\n')
+    answer = tmp_path / 'joints.csv'
+    assert compensate.main([str(output), str(table), str(answer), '--position-only']) == 0
+    assert np.isfinite(np.loadtxt(answer, delimiter=',', skiprows=1, comments='#')).all()
+
+
+@pytest.mark.parametrize(
+    'given',
+    [
+        ['--objective', 'distance'],
+        ['--correction', 'auto'],
+        ['--monte-carlo', '5'],
+        ['--probe', 'p.yaml'],
+        ['--gauge', 'g.yaml'],
+        ['--temperature', '22'],
+        ['--figures', 'f'],
+    ],
+)
+def test_what_points_do_not_take_is_one_line(bags, capsys, given: list[str]) -> None:
+    assert identify.main([bags['bag'], *given]) == 2
+    line = capsys.readouterr().err
+    assert line.count('\n') == 1
+    assert given[0] in line
+
+
+def test_points_and_probing_poses_are_no_one_measurement(
+    bags, tmp_path: Path, capsys, passive_scene: Scene
+) -> None:
+    write_measurement(tmp_path / 'poses', passive_scene.measured)
+    assert identify.main([bags['bag'], str(tmp_path / 'poses')]) == 2
+    assert 'no one measurement' in capsys.readouterr().err
+    assert identify.main([str(tmp_path / 'poses'), '--test', bags['bag']]) == 2
+    assert 'holds measured points' in capsys.readouterr().err
+
+
+def test_bags_with_the_probe_elsewhere_are_not_joined(
+    tmp_path: Path, capsys, passive_scene: Scene
+) -> None:
+    measured = passive_scene.measured
+    mount = measured.probe.flange_T_probe
+    moved = replace(mount, translation=mount.translation + 0.02)
+    other = replace(measured, probe=measured.probe.mounted(moved))
+    write_measurement(tmp_path / 'one', measured)
+    write_measurement(tmp_path / 'other', other)
+    assert identify.main([str(tmp_path / 'one'), str(tmp_path / 'other'), '--quick']) == 2
+    assert 'another probe' in capsys.readouterr().err
+
+
+def test_copies_count_once(bags, capsys) -> None:
+    assert identify.main([bags['test'], bags['test'], '--quick']) == 0
+    assert '40 points are copies of others' in capsys.readouterr().out
+
+
+def test_a_message_read_quickly_is_what_the_type_system_reads() -> None:
+    generator = np.random.default_rng(4)
+    for name in ('1', 'nest', 'ä target', 'abcde'):
+        for frame in ('', 'station_12', 'xyz'):
+            joints, position = generator.normal(size=7), generator.normal(size=3)
+            message = cdr.measured_point(
+                123_456_789_012, frame, name, 9, joints, position, np.zeros(4), 1e-5
+            )
+            data = cdr.encode(message)
+            assert _quickly(data) == _row_of(cdr.decode(MEASURED_POINT, data))
+            assert _quickly(data[:-9]) is None
