@@ -124,7 +124,12 @@ def diagnostics(record: Record) -> Diagnostics:
     prior = record['prior']
     widths = [filled(PriorWidth(), one) for one in prior['widths']]
     scale = filled(GaugeScale(), record['scale'] or {})
-    told = {**record, 'prior': PriorChoice(widths=widths), 'scale': scale}
+    told = {
+        'orientation_noise': None,
+        **record,
+        'prior': PriorChoice(widths=widths),
+        'scale': scale,
+    }
     message = filled(Diagnostics(), told)
     message.has_scale = record['scale'] is not None
     message.prior.strength, message.prior.evidence = prior['strength'], prior['evidence']
