@@ -43,7 +43,7 @@ WORLD = ROOT / 'ros2_ws/src/selfcenter_probe/config/world_faro.yaml'
 PROBES = {'active': 'active_trihedron_faro', 'passive': 'passive_seat_faro'}
 SPHERES = (6, 10)
 TOGETHER = 11  # readings: a tick of the capture node gathers about so many
-pytestmark = pytest.mark.timeout(120)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
 Message = JointSample | Reading
 
 
@@ -60,7 +60,7 @@ def scene_of(kind: str) -> Scene:
 def hand_guided(scene: Scene) -> list[Message]:
     """What arm and probe send, in the order of the stamps; no joint state on a reading."""
     world = scene.world(1)
-    motion = guided(world, {3: scene.placements[3]}, SPHERES, MotionSettings(60, 2.0, 1))
+    motion = guided(world, {3: scene.placements[3]}, SPHERES, MotionSettings(30, 2.0, 1))
     found: list[Message] = []
     for stretch in HandGuided(world, motion, 1).raw():
         found += map(JointSample, stretch.stamp.tolist(), stretch.joints)
@@ -142,7 +142,7 @@ def test_a_hand_guided_arm_gives_the_same_poses_in_all_three_ways(
     messages = happens(hand_guided(scene))
     record(scene, note, messages, tmp_path / 'bag')
     taken = live(scene, note, messages)
-    assert len(taken) > 100
+    assert len(taken) > 50
     again = pair_hand_guided_bag(tmp_path / 'bag', tmp_path / 'again', note).measured.poses
     choice = RawSettings(spheres=SPHERES, standing=False)
     raw = in_time(label_bag(tmp_path / 'bag', choice, Instruments()).measured.poses)

@@ -79,6 +79,7 @@ def test_branches_of_one_hand_have_names_of_their_own(kr5, iiwa14):
         assert most == 8 or (arm.n == 7 and most >= 4)
 
 
+@pytest.mark.slow
 def test_shapes_show_the_gauge_the_spheres_and_every_pose(program, kr5, probe, gauge, places):
     markers = program_markers(program, kr5, probe, gauge, places)
     assert len({(marker.group, marker.number) for marker in markers}) == len(markers)

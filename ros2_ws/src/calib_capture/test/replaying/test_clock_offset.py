@@ -150,6 +150,7 @@ def test_what_is_told_while_it_goes_on_is_what_is_told_of_the_whole(kr5, probe, 
     assert all(each is None or abs(each.seconds - 0.003) < 5e-4 for each in told)
 
 
+@pytest.mark.slow
 def test_readings_of_another_day_tell_nothing_and_are_not_hoarded(kr5, probe, gauge, in_step):
     joints, readings = late(in_step, 86400.0)
     assert estimate_clock_offset(kr5, probe, gauge, [columns(joints, readings)]) is None

@@ -91,6 +91,7 @@ def test_arrival_of_one_stream_after_the_other_changes_nothing(joint_rate, probe
     assert same(fed(HandGuidedPairing(SETTINGS), arriving), together)
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_messages_permuted_within_the_lateness_give_the_same(seed):

@@ -46,6 +46,7 @@ def test_a_seat_cannot_tell_and_says_so():
         assert [text for text in done.untold if 'joint_a1, joint_a4 and joint_a6' in text]
 
 
+@pytest.mark.slow
 def test_styli_can_and_both_causes_are_named():
     measured = simulate(kr5(), active(), 78, locations=4, poses=12, noise=1e-5).measured
     assert identify(measured).untold == ()
