@@ -7,6 +7,7 @@ source env.bash && python bags/make_noise_free.py bags/noise_free
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +42,8 @@ def main() -> None:
     world = World.drawn(arm, probe, gauge, placements, magnitudes.without_noise(), generator)
     joints = np.array([pose.joints for pose in program.poses])
     poses = probe_postures(world, joints, generator)
-    write_measurement(sys.argv[1], Measurement(arm, probe, gauge, poses))
+    told = replace(probe, simulated=True)
+    write_measurement(sys.argv[1], Measurement(arm, told, gauge, poses))
 
 
 if __name__ == '__main__':

@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import json
+import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +17,7 @@ from browser import Browser, found
 from simulated_calibration import passive, simulate, ur_like
 
 from calib_model.bags import write_measurement
+from calib_solver.acceptance import report_anew
 from calib_solver.calibration import Effort, Sources, calibrate
 from calib_solver.fitting import (
     Options,
@@ -29,10 +33,12 @@ pytestmark = [
         PROGRAM is None, reason='no Chromium here (Debian, Ubuntu: apt-get install chromium)'
     ),
 ]
-WIDTHS = (360, 1400)
+WIDTHS = (360, 768, 1400)
 VIEWS = [(width, dark) for width in WIDTHS for dark in (False, True)]
 REPORTS = ('held_out', 'warned')
-A4 = 642  # px between the margins
+#: px between the margins: A4 and Letter
+SHEETS = {'A4': (642, 975), 'Letter': (663, 900)}
+A4 = SHEETS['A4'][0]
 
 # what is wider than the page though nothing scrolls it, or hides part of its own text
 CUT = """[...document.querySelectorAll('body *')].filter(e => {
@@ -109,6 +115,12 @@ def reports(tmp_path_factory):
     write_measurement(folder / 'bag', replace(measured, poses=poses))
     options = Options(prior=chosen_prior('auto'))
     calibrate(Sources((str(folder / 'bag'),)), options, (), str(folder / 'warned'))
+    (folder / 'info.yaml').write_text(
+        'number: 2031/7\noperator: N. Example\norganisation: Works\ntemperature: 20.4\n'
+        'serials: {arm: A-1, probe: P-2, gauge: G-3}\nnotes: Nothing was changed before.\n'
+        'limits: {distance_max: 1.1e-5, two_sigma_max: 2.2e-5, pose_accuracy: 3.3e-5}\n'
+    )
+    report_anew(str(folder / 'held_out'), str(folder / 'info.yaml'))
     return {name: folder / name / 'report.html' for name in REPORTS}
 
 
@@ -175,6 +187,66 @@ def test_on_paper_tables_are_whole_and_figures_keep_their_names(browser, reports
     browser.paper(tmp_path / 'report.pdf')
     pages = (tmp_path / 'report.pdf').read_bytes().count(b'/Type /Page\n')
     assert 4 <= pages <= 15
+
+
+@pytest.mark.parametrize('name', REPORTS)
+@pytest.mark.parametrize('paper', SHEETS)
+def test_the_first_page_is_one_sheet(browser, reports, name, paper):
+    width, height = SHEETS[paper]
+    browser.show(reports[name], width, media='print')
+    assert browser.evaluate('document.querySelector(".cover").getBoundingClientRect().bottom') < (
+        height
+    )
+    assert browser.evaluate(CUT) == []
+
+
+@pytest.mark.parametrize('paper', SHEETS)
+def test_the_report_prints_on_the_paper_that_is_asked_for(reports, tmp_path, paper):
+    folder = shutil.copytree(reports['held_out'].parent, tmp_path / 'printed')
+    report_anew(str(folder), pdf=True, paper=paper)
+    content = (folder / 'report.pdf').read_bytes()
+    assert content.startswith(b'%PDF')
+    wide, high = {'A4': (595, 842), 'Letter': (612, 792)}[paper]
+    boxes = set(re.findall(rb'/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]', content))
+    assert [(round(float(w)), round(float(h))) for w, h in boxes] == [(wide, high)]
+
+
+def test_a_table_that_goes_on_says_so_and_a_point_has_a_name(browser, reports):
+    browser.show(reports['held_out'], 360)
+    wide = browser.evaluate(
+        '[...document.querySelectorAll(".scroll")].filter(e => e.scrollWidth > e.clientWidth + 1)'
+        '.map(e => getComputedStyle(e).backgroundImage)'
+    )
+    assert wide
+    assert all(hint.count('gradient') == 4 for hint in wide)
+    browser.show(reports['held_out'], 1400)
+    named = browser.evaluate("""(() => {
+      const found = [...document.querySelectorAll('.square circle')].slice(-40).map(c => {
+        c.scrollIntoView({block: 'center'});
+        const b = c.getBoundingClientRect();
+        const e = document.elementFromPoint(b.left + b.width / 2, b.top + b.height / 2);
+        return e.querySelector('title')?.textContent ?? '';
+      });
+      return found.every(text => /^pose \\d+, location \\d+, B\\d+$/.test(text));
+    })()""")
+    assert named
+
+
+def test_what_the_browser_shows_is_what_result_json_says(browser, reports):
+    record = json.loads((reports['held_out'].parent / 'result.json').read_text())
+    browser.show(reports['held_out'], 768)
+    shown = browser.evaluate(
+        'Object.fromEntries([...document.querySelectorAll(".key-figures tbody tr")].map('
+        'r => [...r.cells].map(c => c.innerText)).map(([name, ...cells]) => [name, cells]))'
+    )
+    columns = ('initial', 'identified', 'test_initial', 'test')
+    for label, group in (('Distance error', 'distance'), ('2 sigma', 'two_sigma')):
+        for key in ('mean', 'max'):
+            said = [f'{1e3 * record["quality"][name][group][key]:.4f}' for name in columns]
+            assert shown[f'{label}, {key}'] == said
+    first = browser.evaluate('document.querySelector(".cover").innerText')
+    assert f'{1e3 * record["quality"]["test"]["distance"]["max"]:.4f} mm' in first
+    assert 'CALIBRATION REPORT 2031/7' in first.upper()
 
 
 def test_this_would_notice_an_error_a_request_and_a_cut_text(browser, tmp_path):

@@ -26,7 +26,7 @@ setup(
     name=PACKAGE,
     version='0.1.0',
     packages=find_packages(exclude=['test']),
-    package_data={PACKAGE: ['py.typed']},
+    package_data={PACKAGE: ['py.typed'], f'{PACKAGE}.report': ['*.j2', '*.css']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
@@ -44,6 +44,7 @@ setup(
             'identify = calib_solver.commands.identify:main',
             'evaluate = calib_solver.commands.evaluate:main',
             'compensate = calib_solver.commands.compensate:main',
+            'report = calib_solver.commands.report:main',
             'verify = calib_solver.commands.verify:main',
             'compare = calib_solver.commands.compare:main',
             'kuka_figures = calib_solver.commands.kuka_figures:main',

@@ -187,19 +187,24 @@ def parse_probe(text: str, source: str = 'probe description') -> Probe:
     Raises:
         DescriptionError: a key is missing, unknown, or has a value of the wrong kind.
     """
-    top = load_mapping(text, source, ('name', 'kind', 'flange_T_probe', 'styli', 'center'))
+    top = load_mapping(
+        text, source, ('name', 'kind', 'flange_T_probe', 'styli', 'center', 'simulated')
+    )
     name, kind = top.text('name'), top.text('kind')
     flange_T_probe = _transform(top, 'flange_T_probe')
+    simulated = top.content.get('simulated', False)
+    if not isinstance(simulated, bool):
+        raise top.refuse('simulated', f'expected true or false, got {simulated!r:.40}')
     if kind == 'passive':
         center = top.numbers('center', 3, (0.0, 0.0, 0.0))
-        return PassiveProbe(name, flange_T_probe, np.array(center))
+        return PassiveProbe(name, flange_T_probe, np.array(center), simulated)
     if kind != 'active':
         raise top.refuse('kind', f"expected 'active' or 'passive', got {kind[:40]!r}")
     rows = top.rows('styli', ('origin', 'direction', 'tip_radius', 'stroke'))
     if len(rows) != STYLI:
         raise top.refuse('styli', f'expected {STYLI} styli, got {len(rows)}')
     first, second, third = (_stylus(row) for row in rows)
-    return ActiveProbe(name, flange_T_probe, (first, second, third))
+    return ActiveProbe(name, flange_T_probe, (first, second, third), simulated)
 
 
 def _stylus(row: Fields) -> Stylus:
@@ -320,6 +325,8 @@ def probe_yaml(probe: Probe) -> str:
             }
             for s in probe.styli
         ]
+    if probe.simulated:
+        top['simulated'] = True
     return yaml_text(top)
 
 

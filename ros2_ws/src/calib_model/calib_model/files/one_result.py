@@ -14,9 +14,18 @@ from calib_model.files.held_folder import is_there
 
 RECORD = 'result.json'
 #: files that a result may lack, and that are of another one where it does not list them
-OPTIONAL = ('correction.yaml', 'robot.urdf')
+OPTIONAL = ('correction.yaml', 'robot.urdf', 'report.pdf')
 #: all names that a result's files may have; users keep others beside them
-RESULT_FILES = (RECORD, 'arm.yaml', 'probe.yaml', 'arm.urdf', 'report.html', *OPTIONAL)
+RESULT_FILES = (
+    RECORD,
+    'arm.yaml',
+    'probe.yaml',
+    'arm.urdf',
+    'report.html',
+    'report.json',
+    'uncertainty.json',
+    *OPTIONAL,
+)
 
 
 def file_hashes(contents: Mapping[str, bytes]) -> dict[str, str]:

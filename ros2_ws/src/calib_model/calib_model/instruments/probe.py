@@ -30,11 +30,15 @@ class Stylus:
 
 @dataclass(frozen=True)
 class PassiveProbe:
-    """A kinematic seat: the seated sphere's centre is always at `center` (3,), probe frame, m."""
+    """A kinematic seat: the seated sphere's centre is always at `center` (3,), probe frame, m.
+
+    `simulated` is said by who simulates it, and compared with nothing.
+    """
 
     name: str
     flange_T_probe: RigidTransform
     center: Array = field(default_factory=lambda: frozen(np.zeros(3)))
+    simulated: bool = field(default=False, compare=False)
     kind = 'passive'
 
     def __post_init__(self) -> None:
@@ -51,11 +55,15 @@ class PassiveProbe:
 
 @dataclass(frozen=True)
 class ActiveProbe:
-    """Three styli whose displacements are read; together they find the sphere's centre."""
+    """Three styli whose displacements are read; together they find the sphere's centre.
+
+    `simulated` is said by who simulates them, and compared with nothing.
+    """
 
     name: str
     flange_T_probe: RigidTransform
     styli: tuple[Stylus, Stylus, Stylus]
+    simulated: bool = field(default=False, compare=False)
     kind = 'active'
     _origin: Array = field(init=False, repr=False, compare=False)
     _direction: Array = field(init=False, repr=False, compare=False)

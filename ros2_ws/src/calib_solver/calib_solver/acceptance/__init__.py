@@ -11,6 +11,9 @@ if TYPE_CHECKING:
         compare as compare,
         history_lines as history_lines,
     )
+    from calib_solver.acceptance.new_report import (
+        report_anew as report_anew,
+    )
     from calib_solver.acceptance.pages import (
         write_comparison as write_comparison,
         write_verification as write_verification,

@@ -114,7 +114,9 @@ def calibrate(
     if urdf:
         more['robot.urdf'] = compensation.corrected_urdf(own, loaded.measured.arm, done.arm, urdf)
     if output:
-        page = report.report_html(done, record, _inputs(sources, test), held_out)
+        evidence = report.evidence_of(done, _inputs(sources, test), held_out)
+        more[report.EVIDENCE] = report.evidence_text(evidence).encode()
+        page = report.report_html(record, evidence)
         written = write_results(output, done, record, page, more)
     return Calibration(done, held_out, record, tuple(written), notes)
 

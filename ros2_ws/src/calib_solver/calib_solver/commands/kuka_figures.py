@@ -17,7 +17,9 @@ stands further on than it shows, in the axis' own direction, and the tool frame 
 (deg: about Z, then the new Y, then the new X) of the probe.
 
 RESULT is the folder of `identify --output`. How the controller counts each axis, and where its
-flange frame is, the arm description says with `controller` and `flange_T_controller`."""
+flange frame is, the arm description says with `controller` and `flange_T_controller`; each line
+says what was taken. Signs are not guessed: without `controller` there are no figures, unless
+--assume-urdf takes the joints' own directions, and says so on every line."""
 EXAMPLE = """\
 example:
   ros2 run calib_solver kuka_figures output/mine
@@ -38,6 +40,11 @@ def run(argv: Sequence[str] | None = None) -> compensation.ControllerFigures:
         metavar='YAML',
         help="take the controller's side from this description, not the result's",
     )
+    parser.add_argument(
+        '--assume-urdf',
+        action='store_true',
+        help="without `controller`, take each axis to count as the URDF's joint does",
+    )
     given = parser.parse_args(argv)
     calibrated = compensation.read_calibrated(given.result)
     if given.arm:
@@ -45,7 +52,7 @@ def run(argv: Sequence[str] | None = None) -> compensation.ControllerFigures:
         calibrated = replace(
             calibrated, identified=compensation.counted_as(calibrated.identified, described)
         )
-    return compensation.controller_figures(calibrated)
+    return compensation.controller_figures(calibrated, given.assume_urdf)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

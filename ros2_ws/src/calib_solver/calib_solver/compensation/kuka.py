@@ -16,11 +16,14 @@ from calib_solver.compensation.calibrated_arm import Calibrated
 @dataclass(frozen=True)
 class AxisOffset:
     """By how much (rad, or m of one that slides, in the axis' own direction) an axis really stands
-    further than it shows; `told` is False where no probing tells it."""
+    further than it shows; `told` is False where no probing tells it. `counted` says how the axis
+    goes with its joint, and who says so: the description, or nobody where that is `assumed`."""
 
     axis: str
     offset: float
     told: bool
+    counted: str
+    assumed: bool = False
     prismatic: bool = False
 
 
@@ -34,27 +37,46 @@ class ControllerFigures:
     abc: Array
 
 
-def controller_figures(calibrated: Calibrated) -> ControllerFigures:
-    """The figures of a calibration.
+def controller_figures(calibrated: Calibrated, assume_urdf: bool = False) -> ControllerFigures:
+    """The figures of a calibration; with `assume_urdf` the axes of an arm whose controller nobody
+    described are taken to count as the URDF's joints do.
 
     A joint at q has theta = direction q - theta_0: where theta_0 is smaller than nominal by delta
     the joint is where the nominal arm has it at q + direction delta. Of one that slides, d says
     so, with the other sign.
 
     Raises:
-        DataError: some joints of the arm say how their controller counts, others do not.
+        DataError: no joint of the arm says how its controller counts and nothing is assumed, or
+            some do and others do not.
     """
     nominal, identified = calibrated.nominal, calibrated.identified
+    assumed = not any(joint.controller for joint in identified.joints)
+    if assumed and not assume_urdf:
+        raise DataError(
+            f'{identified.name}: no joint says how its controller counts (controller: {{axis, '
+            'direction, zero}), and signs are not guessed: name a description that says so with '
+            "--arm, or take the URDF's directions with --assume-urdf"
+        )
     changed = identified.geometry - nominal.geometry
     zero = np.where(identified.prismatic, -changed[2], changed[3])
     axes = []
     for i, axis in enumerate(_axes(identified)):
         offset = -axis.direction * identified.direction[i] * zero[i]
         told, slides = 0 < i < identified.n - 1, bool(identified.prismatic[i])
-        axes.append(AxisOffset(axis.name, float(offset) + 0.0, told, slides))
+        counted = _counted(axis, identified.joints[i].name, slides)
+        axes.append(AxisOffset(axis.name, float(offset) + 0.0, told, counted, assumed, slides))
     controller = identified.flange_T_controller.matrix()
     tool = np.linalg.inv(controller) @ calibrated.identified_tool.matrix()
     return ControllerFigures(tuple(axes), tool[:3, 3].copy(), abc(tool[:3, :3]))
+
+
+def _counted(axis: ControllerAxis, joint: str, slides: bool) -> str:
+    """How an axis goes with its joint, as a formula in degrees, or mm of one that slides."""
+    if not axis.zero:
+        return f'{axis.name} = {"-" if axis.direction < 0 else ""}{joint}'
+    zero = f'{abs(1e3 * axis.zero):g} mm' if slides else f'{abs(np.degrees(axis.zero)):g} deg'
+    inner = f'{joint} {"-" if axis.zero > 0 else "+"} {zero}'
+    return f'{axis.name} = -({inner})' if axis.direction < 0 else f'{axis.name} = {inner}'
 
 
 def _axes(arm: Arm) -> list[ControllerAxis]:
@@ -106,10 +128,11 @@ def figures_text(figures: ControllerFigures) -> str:
     """The figures as lines for people."""
     lines = ['axis offsets: what the axis really is, less what is shown (deg)']
     for axis in figures.axes:
-        why = '' if axis.told else '   not told: it moves the base or the tool'
+        by = "assumed: the URDF's direction" if axis.assumed else 'by its description'
+        why = '' if axis.told else '; not told: it moves the base or the tool'
         shown = 1e3 * axis.offset if axis.prismatic else np.degrees(axis.offset)
-        unit = '   mm' if axis.prismatic else ''
-        lines.append(f'  {axis.axis:12}{shown:+10.4f}{unit}{why}')
+        unit = ' mm' if axis.prismatic else ''
+        lines.append(f'  {axis.axis:12}{shown:+10.4f}{unit}   {axis.counted}, {by}{why}')
     lines.append('tool frame of the probe on the flange (mm, deg)')
     for names, values in (('XYZ', 1e3 * figures.xyz), ('ABC', np.degrees(figures.abc))):
         row = (f'{name} {value:+.4f}' for name, value in zip(names, values, strict=True))

@@ -121,16 +121,11 @@ def _free(
     if prior.strength > 0 and uncertainty > TOLD * before:
         reason = f'the poses tell it hardly better ({size}) than the prior did'
         return ParameterEstimate(parameter, value, uncertainty, False, reason)
-    reason = f'told by the poses to {size}'
-    if prior.strength > 0 and uncertainty > 0:
-        times = before / uncertainty
-        shown = f'{times:,.0f}' if times >= 100 else f'{times:.3g}'
-        reason += f', {shown} times better than by the prior'
-    return ParameterEstimate(parameter, value, uncertainty, True, reason)
+    return ParameterEstimate(parameter, value, uncertainty, True, f'told by the poses to {size}')
 
 
 def quantity(value: float, unit: str) -> str:
     """A length in mm, an angle in mrad or a compliance in urad/(N m), for people."""
     if unit == 'rad/(N m)':
-        return f'{value * 1e6:.3g} urad/(N m)'
-    return f'{value * 1e3:.3g} {"mm" if unit == "m" else "mrad"}'
+        return f'{value * 1e6:.2g} urad/(N m)'
+    return f'{value * 1e3:.2g} {"mm" if unit == "m" else "mrad"}'

@@ -26,6 +26,7 @@ from calib_interfaces.msg import (
     ProbedSphere,
     ProbeFitReport,
     Quality,
+    Readings,
     RejectedPose,
     RepeatabilityCorrection,
     Repetitions,
@@ -183,6 +184,11 @@ def correction(record: Record) -> RepeatabilityCorrection:
     message.has_quality = of_both['identified'] is not None
     message.has_test = of_both['test'] is not None
     return message
+
+
+def readings(record: Record) -> Readings:
+    """When the poses were read."""
+    return filled(Readings(), record)
 
 
 def limits(records: list[Record]) -> list[LimitJudgement]:

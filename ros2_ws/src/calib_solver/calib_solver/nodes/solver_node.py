@@ -217,6 +217,7 @@ class SolverNode(Node):
         if record['quality']['left_out'] is not None:
             response.has_left_out = True
             response.left_out = messages.left_out(record['quality']['left_out'])
+        response.readings = messages.readings(record['readings'])
         response.notes = finished.notes
         response.warnings = record['warnings']
         response.written = [str(path) for path in finished.written]

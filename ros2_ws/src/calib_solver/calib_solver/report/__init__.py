@@ -11,6 +11,11 @@ if TYPE_CHECKING:
         Chart as Chart,
         Series as Series,
     )
+    from calib_solver.report.evidence import (
+        EVIDENCE as EVIDENCE,
+        evidence_of as evidence_of,
+        evidence_text as evidence_text,
+    )
     from calib_solver.report.html import (
         UNITS as UNITS,
         document as document,

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from calib_solver.report.html import mm, paragraph, part, section, table
-from calib_solver.report.parameters import parameter_row
+from calib_solver.report.parameters import parameter_tables
 from calib_solver.results import Record
 
 JUDGED = (
@@ -36,17 +36,7 @@ def _joint_errors(errors: Record) -> str:
         text += paragraph(JUDGED.format(folds=errors['folds']))
         text += table('', header, rows, range(2, 6))
     if errors['parameters']:
-        header = [
-            'parameter',
-            'initial',
-            'identified',
-            'correction',
-            'std. uncertainty',
-            'unit',
-            'what tells it',
-        ]
-        rows = [parameter_row(one) for one in errors['parameters']]
-        text += table('', header, rows, range(1, 5), {6: 'words'})
+        text += ''.join(parameter_tables(errors['parameters']))
     return text
 
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,6 +39,28 @@ def residual_charts(done: Identification, held_out: HeldOut | None) -> list[Char
     return [_cloud(done, held_out, first, second) for first, second in ((0, 1), (0, 2), (1, 2))]
 
 
+def pose_names(quality: Quality, order: NDArray[np.int64]) -> NDArray[np.str_]:
+    """What each pose (N,), whose places in the measurement are `order`, is called."""
+    keys = np.repeat(quality.spheres.keys, quality.spheres.poses, axis=0)
+    return np.array(
+        [
+            f'pose {pose}, location {location}, B{sphere}'
+            for pose, (location, sphere) in zip(order.tolist(), keys.tolist(), strict=True)
+        ]
+    )
+
+
+def pair_names(quality: Quality) -> tuple[str, ...]:
+    """What each distance (M,) is called."""
+    keys = quality.spheres.keys
+    return tuple(f'location {keys[a, 0]}, B{keys[a, 1]} to B{keys[b, 1]}' for a, b in quality.pairs)
+
+
+def sphere_names(quality: Quality) -> tuple[str, ...]:
+    """What each probed sphere (S,) is called."""
+    return tuple(f'location {location}, B{sphere}' for location, sphere in quality.spheres.keys)
+
+
 def _mm(values: Array) -> Array:
     return np.maximum(np.abs(values) * 1e3, LEAST)
 
@@ -58,20 +82,26 @@ def _bands(done: Identification, held_out: HeldOut | None, of: str) -> tuple[Ban
 
 
 def _series(
-    done: Identification, held_out: HeldOut | None, values: dict[int, Array]
+    done: Identification,
+    held_out: HeldOut | None,
+    values: dict[int, Array],
+    named: Callable[[Quality], tuple[str, ...]],
 ) -> tuple[Series, ...]:
-    """Initial, identified and held-out `values`, by the id of the quality, one after the other."""
+    """Initial, identified and held-out `values`, by the id of the quality, one after the other;
+    `named` says what each is called."""
+    names = named(done.identified)
     first = values[id(done.identified)]
     order: Array = np.arange(len(first), dtype=np.float64) + 0.5
     series = [
-        Series(order, _mm(values[id(done.initial)]), 'before', 'initial'),
-        Series(order, _mm(first), 'after', 'identified'),
+        Series(order, _mm(values[id(done.initial)]), 'before', 'initial', names=names),
+        Series(order, _mm(first), 'after', 'identified', names=names),
     ]
     if held_out is not None:
-        after = values[id(held_out.identified)]
+        after, names = values[id(held_out.identified)], named(held_out.identified)
         order = len(first) + np.arange(len(after), dtype=np.float64) + 0.5
-        series.append(Series(order, _mm(values[id(held_out.initial)]), 'before', 'initial'))
-        series.append(Series(order, _mm(after), 'held', 'held out, identified'))
+        before = _mm(values[id(held_out.initial)])
+        series.append(Series(order, before, 'before', 'initial', names=names))
+        series.append(Series(order, _mm(after), 'held', 'held out, identified', names=names))
     return tuple(series)
 
 
@@ -92,7 +122,7 @@ def _distances(done: Identification, held_out: HeldOut | None) -> list[Chart]:
             '(eq. 7).',
             'location, each with its pairs of spheres',
             'mm',
-            _series(done, held_out, values),
+            _series(done, held_out, values, pair_names),
             logarithmic=True,
             bands=_bands(done, held_out, 'pairs'),
         )
@@ -107,16 +137,17 @@ def _two_sigma(done: Identification, held_out: HeldOut | None) -> Chart:
         'Repeatability of each probed sphere in its worst coordinate (eq. 8).',
         'location, each with its spheres',
         'mm',
-        _series(done, held_out, values),
+        _series(done, held_out, values, sphere_names),
         logarithmic=True,
         bands=_bands(done, held_out, 'spheres'),
     )
 
 
 def _coordinates(done: Identification, held_out: HeldOut | None) -> Chart:
-    parts = [done.identified.spheres.two_sigma]
+    parts, names = [done.identified.spheres.two_sigma], sphere_names(done.identified)
     if held_out is not None:
         parts.append(held_out.identified.spheres.two_sigma)
+        names += sphere_names(held_out.identified)
     values = np.concatenate(parts) * 1e3
     order: Array = np.arange(len(values), dtype=np.float64) + 0.5
     return Chart(
@@ -126,7 +157,7 @@ def _coordinates(done: Identification, held_out: HeldOut | None) -> Chart:
         'the largest says from where the arm is bent or pressed.',
         'location, each with its spheres',
         'mm',
-        tuple(Series(order, values[:, i], 'xyz'[i], AXES[i]) for i in range(3)),
+        tuple(Series(order, values[:, i], 'xyz'[i], AXES[i], names=names) for i in range(3)),
         bands=_bands(done, held_out, 'spheres'),
     )
 
@@ -142,7 +173,9 @@ def _lengths(done: Identification, held_out: HeldOut | None) -> list[Chart]:
         if len(found.pair):
             shown = thinned(len(found.pair))
             nominal = quality.nominal[found.pair[shown]] * 1e3
-            series.append(Series(nominal, found.deviation[shown] * 1e3, role, label, fine=True))
+            names = tuple(np.array(pair_names(quality))[found.pair[shown]].tolist())
+            away = found.deviation[shown] * 1e3
+            series.append(Series(nominal, away, role, label, fine=True, names=names))
     if not series:
         return []
     return [
@@ -160,10 +193,17 @@ def _lengths(done: Identification, held_out: HeldOut | None) -> list[Chart]:
 
 def _cloud(done: Identification, held_out: HeldOut | None, first: int, second: int) -> Chart:
     series = []
-    named = [('held', 'held out', held_out.identified)] if held_out is not None else []
-    for role, label, quality in [*named, ('after', 'identified', done.identified)]:
-        shown = quality.deviation[thinned(len(quality.deviation))] * 1e3
-        series.append(Series(shown[:, first], shown[:, second], role, label, fine=True))
+    named: list[tuple[str, str, Identification | HeldOut]] = []
+    if held_out is not None:
+        named.append(('held', 'held out', held_out))
+    for role, label, of in (*named, ('after', 'identified', done)):
+        quality = of.identified
+        rows = thinned(len(quality.deviation))
+        shown = quality.deviation[rows] * 1e3
+        names = tuple(pose_names(quality, of.problem.order)[rows].tolist())
+        series.append(
+            Series(shown[:, first], shown[:, second], role, label, fine=True, names=names)
+        )
     return Chart(
         f'residuals_{"xyz"[first]}{"xyz"[second]}',
         f'Residuals in {AXES[first]} and {AXES[second]}',
@@ -180,6 +220,7 @@ def joint_charts(done: Identification) -> list[Chart]:
     """The size of the residuals against the angle of each joint."""
     size = np.linalg.norm(done.identified.deviation, axis=1) * 1e3
     shown = thinned(len(size))
+    names = tuple(pose_names(done.identified, done.problem.order)[shown].tolist())
     return [
         Chart(
             f'joint_{i}',
@@ -188,7 +229,7 @@ def joint_charts(done: Identification) -> list[Chart]:
             'angle, °',
             'mm',
             (
-                Series(q[shown], size[shown], 'after', fine=True),
+                Series(q[shown], size[shown], 'after', fine=True, names=names),
                 Series(*_rms_by_angle(q, size), 'held', joined=True),
             ),
             shape='small',

@@ -4,10 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from functools import cache
 from html import escape
+from math import floor, log10
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader
+from markupsafe import Markup
 
 from calib_solver.report.charts import Chart
-from calib_solver.report.style import STYLE
 from calib_solver.report.svg import figure
 
 MM, DEGREE = 1e3, 57.29577951308232
@@ -16,15 +21,22 @@ UNITS = {'m': (MM, 'mm'), 'rad': (DEGREE, '°'), 'rad/(N m)': (1e6, 'µrad/(N m)
 NOTHING = '–'
 
 
+@cache
+def _templates() -> Environment:
+    loader = FileSystemLoader(Path(__file__).parent)
+    return Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+
+
+def rendered(template: str, **values: object) -> str:
+    """A template of this folder with values; text among them is escaped, `Markup` is not."""
+    return _templates().get_template(f'{template}.html.j2').render(values)
+
+
 def document(title: str, sections: Sequence[str]) -> str:
     """A whole HTML document."""
-    return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f'<link rel="icon" href="data:,"><title>{escape(title)}</title>'
-        f'<style>{STYLE}</style></head>\n<body><main>\n'
-        + '\n'.join(sections)
-        + '\n</main></body></html>\n'
+    style = Path(__file__).with_name('style.css').read_text(encoding='utf-8')
+    return rendered(
+        'page', title=title, style=Markup(style), sections=[Markup(one) for one in sections]
     )
 
 
@@ -80,29 +92,16 @@ def table(
     row of a single cell is a heading for the rows after it.
     """
     styles = dict(styles or {}) | dict.fromkeys(numbers, 'number')
-
-    def cell(i: int, text: str, row: int) -> str:
-        style = f' class="{styles[i]}"' if i in styles else ''
-        if row < 0:
-            return f'<th scope="col"{style}>{escape(text)}</th>'
-        kind, scope = ('th', ' scope="row"') if i == 0 else ('td', '')
-        return f'<{kind}{scope}{style}>{escape(text)}</{kind}>'
-
-    def line(row: int, cells: Sequence[str]) -> str:
-        if len(cells) == 1:
-            span = f'<th scope="rowgroup" colspan="{len(header)}">{escape(cells[0])}</th>'
-            return f'<tr class="part">{span}</tr>'
-        return f'<tr>{"".join(cell(i, text, row) for i, text in enumerate(cells))}</tr>'
-
-    body = ''.join(line(i, cells) for i, cells in enumerate(rows))
-    label = escape(caption or ' '.join(filter(None, header)), quote=True)
-    told = f'<caption>{escape(caption)}</caption>' if caption else ''
-    head = f'<thead>{line(-1, header)}</thead>' if any(header) else ''
-    # a table wider than its page is scrolled, by keyboard too
-    return (
-        f'<div class="scroll" role="region" tabindex="0" aria-label="{label}">'
-        f'<table{f" class={name}" if name else ""}>{told}{head}<tbody>{body}</tbody></table></div>'
-    )
+    label = caption or ' '.join(filter(None, header))
+    return rendered(
+        'table',
+        caption=caption,
+        header=header,
+        rows=rows,
+        styles=styles,
+        name=name,
+        label=label,
+    ).strip()
 
 
 def facts(rows: Sequence[tuple[str, str]]) -> str:
@@ -126,3 +125,13 @@ def mm(value: float | None) -> str:
     if value is None:
         return NOTHING
     return f'{round(value * MM, 4) + 0.0:.4f}'.replace('-', '\u2212')  # + 0.0: no -0.0000
+
+
+def decimals_of(uncertainty: float) -> int:
+    """So many decimals give an uncertainty, in the unit it is shown in, two digits."""
+    return min(max(1 - floor(log10(uncertainty)), 0), 9) if uncertainty > 0 else 5
+
+
+def number(value: float, decimals: int, sign: str = '') -> str:
+    """A number with so many decimals and a minus that is one."""
+    return format(value, f'{sign}.{decimals}f').replace('-', '\u2212')

@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from calib_model.instruments import Gauge, PassiveProbe, Probe
 from calib_model.measurement import ProbingSet
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
-from calib_solver.report.html import counted, facts, mm, paragraph, part, table
+from calib_solver.report.html import counted, mm
 from calib_solver.results import reading_times, scale_words
 
 PACKAGES = ('calib_solver', 'calib_model', 'numpy', 'mcap')
@@ -42,7 +43,7 @@ class Inputs:
             yield f'{of} description', Path(path)
 
 
-def instruments(done: Identification, held_out: HeldOut | None) -> str:
+def instrument_rows(done: Identification, held_out: HeldOut | None) -> list[tuple[str, str]]:
     """Arm, probe, gauge with its certificate, and the poses taken."""
     measured = done.problem.measured
     arm, gauge = measured.arm, measured.gauge
@@ -64,13 +65,7 @@ def instruments(done: Identification, held_out: HeldOut | None) -> str:
     ]
     if held_out is not None:
         rows.append(('Held out', _taken(held_out.problem.measured.poses)))
-    rows.append(
-        (
-            'Not recorded',
-            'serial numbers, the certificate\u2019s number: the bags do not hold them.',
-        )
-    )
-    return facts(rows)
+    return rows
 
 
 def _probe(probe: Probe) -> str:
@@ -122,7 +117,7 @@ def _when(poses: ProbingSet) -> str:
     return f'readings stamped {begin:%Y-%m-%d %H:%M:%S} to {until} UTC'
 
 
-def certificate(gauge: Gauge) -> str:
+def certificate_rows(gauge: Gauge) -> dict[str, list[Any]]:
     """The certified centres and distances, with their expanded uncertainty."""
     origin = gauge.numbers[0]
     rows = []
@@ -131,15 +126,12 @@ def certificate(gauge: Gauge) -> str:
         sure = '–' if number == origin else f'{gauge.distance_uncertainty(length) * 1e6:.2f}'
         rows.append([f'B{number}', *map(mm, center), mm(length), sure])
     header = ['sphere', 'X, mm', 'Y, mm', 'Z, mm', f'from B{origin}, mm', 'U (k = 2), µm']
-    return part('Certificate of the gauge') + table('', header, rows, range(1, 6))
+    return {'header': header, 'rows': rows}
 
 
-def inputs(given: Inputs) -> str:
-    """Every input file with its SHA-256, and the versions that it was computed with."""
-    rows = [[use, str(file), _sha256(file)] for use, file in given.files()]
-    header = ['use', 'file', 'SHA-256']
-    listed = table('', header, rows, styles={1: 'mono', 2: 'mono'})
-    return part('Files') + listed + paragraph(f'Computed with {", ".join(_versions())}.', 'faint')
+def file_rows(given: Inputs) -> list[list[str]]:
+    """Every input file with its SHA-256."""
+    return [[use, str(file), _sha256(file)] for use, file in given.files()]
 
 
 def _sha256(path: Path) -> str:
@@ -150,7 +142,8 @@ def _sha256(path: Path) -> str:
     return digest.hexdigest()
 
 
-def _versions() -> list[str]:
+def versions() -> list[str]:
+    """What the calibration was computed with."""
     found = []
     for package in PACKAGES:
         try:

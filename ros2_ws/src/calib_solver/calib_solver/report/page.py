@@ -1,32 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`report.html`: what was measured with what, what came out, how sure it is, and what to doubt."""
+"""`report.html`: a first page to sign, then what was measured, what came out, what to doubt."""
 
 from __future__ import annotations
 
-from datetime import datetime, timezone
-from html import escape
+from typing import Any
 
-from calib_solver.held_out import HeldOut
-from calib_solver.identification import Identification
+from calib_model.errors import CalibrationError
 from calib_solver.report.corrections import beyond
-from calib_solver.report.figures import (
-    convergence_chart,
-    joint_charts,
-    quality_charts,
-    residual_charts,
-)
+from calib_solver.report.cover import SHOWN, cover, day
+from calib_solver.report.evidence import charts_of
 from calib_solver.report.html import (
     counted,
     document,
+    facts,
     paragraph,
     part,
     section,
     side_by_side,
+    table,
     warnings_box,
 )
-from calib_solver.report.instruments import Inputs, certificate, inputs, instruments
 from calib_solver.report.parameters import mount, parameters, repetitions
-from calib_solver.report.quality import Columns, full_quality, key_figures, measuring_arm
+from calib_solver.report.quality import (
+    Columns,
+    full_quality,
+    key_figures,
+    measuring_arm,
+    standards,
+)
 from calib_solver.report.residuals import (
     OBJECTIVES,
     by_joint,
@@ -36,27 +37,35 @@ from calib_solver.report.residuals import (
     sure,
     warnings,
 )
-from calib_solver.report.workspace import workspace_charts
-from calib_solver.results import Record, left_out_words
+from calib_solver.results import Info, Record, left_out_words
 
 
-def report_html(
-    done: Identification, record: Record, given: Inputs, held_out: HeldOut | None = None
-) -> str:
-    """The page; every number in its tables is one of `record`, the content of result.json."""
-    title = f'Kinematic calibration of {record["arm"]}'
+def report_html(record: Record, evidence: dict[str, Any], info: Info | None = None) -> str:
+    """The page; every number in its tables is one of `record`, the content of result.json, and
+    `evidence` what `evidence_of` says; `info` is what people know of it.
+
+    Raises:
+        CalibrationError: the record or the evidence is not what `identify` writes.
+    """
+    try:
+        sections = [cover(record, evidence, info or Info()), *_annex(record, evidence)]
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise CalibrationError(f'report: not what identify writes: {error!r}') from error
+    return document(f'Kinematic calibration of {record["arm"]}', sections)
+
+
+def _annex(record: Record, evidence: dict[str, Any]) -> list[str]:
+    """All that is behind the first page."""
     columns = _columns(record)
-    sections = [
-        '<header><p class="kind">Calibration report</p>',
-        f'<h1>{escape(title)}</h1>',
-        paragraph(_lead(done, record), 'faint'),
+    return [
+        paragraph(_lead(record, evidence), 'faint'),
         _judged(record),
-        '</header>',
-        warnings_box(warnings(record)),
+        warnings_box(warnings(record)[SHOWN:]),
         section('In short', key_figures(columns), sure(record)),
-        section('What was measured', instruments(done, held_out)),
-        section('Quality', full_quality(columns), side_by_side(quality_charts(done, held_out))),
+        section('What was measured', facts([tuple(row) for row in evidence['instruments']])),
+        section('Quality', full_quality(columns), side_by_side(charts_of(evidence, 'quality'))),
         section('As a measuring arm', measuring_arm(columns)),
+        section('As defined in ISO 10360-12 and ISO 9283', standards(columns)),
         section(
             'Parameters',
             parameters(record),
@@ -67,34 +76,42 @@ def report_html(
         section(
             'Residuals',
             paragraph('Each pose against the mean of its sphere (eq. 12), in the arm base frame.'),
-            side_by_side(residual_charts(done, held_out), 'three'),
+            side_by_side(charts_of(evidence, 'residuals'), 'three'),
             by_location(record),
             by_joint(record),
-            side_by_side(joint_charts(done), 'three'),
+            side_by_side(charts_of(evidence, 'joints'), 'three'),
             rejected(record),
         ),
         beyond(record),
-        section('Workspace', side_by_side(workspace_charts(done, held_out))),
-        section('How it was computed', solver(record), side_by_side([convergence_chart(done)])),
+        section('Workspace', side_by_side(charts_of(evidence, 'workspace'))),
         section(
-            'Inputs and versions',
-            certificate(done.problem.measured.gauge),
-            inputs(given),
-            _signatures(),
+            'How it was computed',
+            solver(record),
+            side_by_side(charts_of(evidence, 'convergence')),
         ),
+        section('Inputs and versions', *_inputs(evidence)),
     ]
-    return document(title, sections)
 
 
-def _lead(done: Identification, record: Record) -> str:
-    objective = OBJECTIVES.get(record['objective'], record['objective'])
-    measured = done.problem.measured
+def _inputs(evidence: dict[str, Any]) -> tuple[str, ...]:
+    certificate = evidence['certificate']
+    files = table('', ['use', 'file', 'SHA-256'], evidence['files'], styles={1: 'mono', 2: 'mono'})
     return (
-        f'{counted(len(done.problem.joints), "pose")} of '
-        f'{counted(len(done.problem.keys), "sphere")} at '
-        f'{counted(len(done.problem.locations), "location")} of the gauge {measured.gauge.name}, '
-        f'probed with {measured.probe.name}; identified by {objective}. '
-        f'Report made {datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC.'
+        part('Certificate of the gauge'),
+        table('', certificate['header'], certificate['rows'], range(1, 6)),
+        part('Files'),
+        files,
+        paragraph(f'Computed with {", ".join(evidence["versions"])}.', 'faint'),
+    )
+
+
+def _lead(record: Record, evidence: dict[str, Any]) -> str:
+    objective = OBJECTIVES.get(record['objective'], record['objective'])
+    return (
+        f'{counted(evidence["poses"], "pose")} of {counted(evidence["spheres"], "sphere")} at '
+        f'{counted(evidence["locations"], "location")} of the gauge {evidence["gauge"]}, '
+        f'probed with {evidence["probe"]}; identified by {objective}. '
+        f'Report made {day(evidence["made"])}.'
     )
 
 
@@ -120,8 +137,3 @@ def _columns(record: Record) -> Columns:
         if corrected:
             columns['held out, corrected'] = corrected['test']
     return columns
-
-
-def _signatures() -> str:
-    lines = ''.join(f'<div>{name}</div>' for name in ('Measured by', 'Calibrated by', 'Date'))
-    return f'<div class="sign">{lines}</div>'

@@ -3,63 +3,79 @@
 
 from __future__ import annotations
 
-from calib_solver.report.html import DEGREE, MM, NOTHING, UNITS, mm, paragraph, part, table
+from calib_solver.report.html import (
+    DEGREE,
+    MM,
+    NOTHING,
+    UNITS,
+    decimals_of,
+    mm,
+    number,
+    paragraph,
+    part,
+    table,
+)
 from calib_solver.results import Record, convention_words
 
 METHODS = {'monte_carlo': 'Monte Carlo', 'bootstrap': 'bootstrap over locations'}
 
 
 def parameters(record: Record) -> str:
-    """Every parameter before and after, lengths in mm and angles in degrees."""
-    rows = [parameter_row(parameter) for parameter in record['parameters']]
-    header = [
-        'parameter',
-        'initial',
-        'identified',
-        'correction',
-        'std. uncertainty',
-        'unit',
-        'what tells it',
-    ]
+    """Every parameter before and after: lengths in mm and angles in degrees, each their table."""
     count = sum(parameter['free'] for parameter in record['parameters'])
     told = sum(parameter['identifiable'] for parameter in record['parameters'])
-    told_of = paragraph(
+    text = paragraph(
         f'{count} of {len(record["parameters"])} parameters were free, {told} of them are told by '
-        'the poses. Held ones say why. Uncertainties are standard uncertainties (k = 1).'
+        'the poses. Held ones say why. Uncertainties are standard uncertainties (k = 1), to two '
+        'digits.'
     )
     words = convention_words(record)
     convention = paragraph(words) if words else ''
-    return convention + told_of + table('', header, rows, range(1, 5), {6: 'words'})
+    return convention + text + ''.join(parameter_tables(record['parameters']))
+
+
+def parameter_tables(parameters: list[Record]) -> list[str]:
+    """A table of parameters for each unit that they have."""
+    found = []
+    for kind in dict.fromkeys(parameter['unit'] for parameter in parameters):
+        unit = UNITS[kind][1]
+        header = [
+            f'parameter, {unit}',
+            'initial',
+            'identified',
+            'correction',
+            'std. uncertainty',
+            'what tells it',
+        ]
+        rows = [parameter_row(one) for one in parameters if one['unit'] == kind]
+        found.append(table('', header, rows, range(1, 5), {5: 'words'}))
+    return found
 
 
 def parameter_row(parameter: Record) -> list[str]:
-    """Before, after, correction, uncertainty, unit and reason of a parameter."""
-    factor, unit = UNITS[parameter['unit']]
+    """Before, after, correction, uncertainty to two digits and reason of a parameter."""
+    factor, _ = UNITS[parameter['unit']]
     before, after = parameter['initial'] * factor, parameter['identified'] * factor
     sure = parameter['standard_uncertainty']
+    decimals = 5 if sure is None else decimals_of(sure * factor)
     return [
         parameter['name'],
-        _signed(f'{before:.5f}'),
-        _signed(f'{after:.5f}'),
-        _signed(f'{after - before:+.5f}') if parameter['free'] else 'held',
-        NOTHING if sure is None else f'{sure * factor:.5f}',
-        unit,
+        number(before, decimals),
+        number(after, decimals),
+        number(after - before, decimals, '+') if parameter['free'] else 'held',
+        NOTHING if sure is None else number(sure * factor, decimals),
         parameter['reason'],
     ]
-
-
-def _signed(number: str) -> str:
-    return number.replace('-', '\u2212')
 
 
 def mount(record: Record) -> str:
     """The probe's place on the flange, and eq. 15's account of itself."""
     placed, fit = record['flange_T_probe'], record['probe_fit']
     rows = [
-        ['translation, mm', *(_signed(f'{value * MM:.4f}') for value in placed['translation'])],
+        ['translation, mm', *(number(value * MM, 4) for value in placed['translation'])],
         [
             'rotation vector, °',
-            *(_signed(f'{value * DEGREE:.4f}') for value in placed['rotation_vector']),
+            *(number(value * DEGREE, 4) for value in placed['rotation_vector']),
         ],
     ]
     text = table('', ['flange to probe (P of eq. 14)', 'x', 'y', 'z'], rows, range(1, 4))
@@ -81,14 +97,20 @@ def repetitions(record: Record) -> str:
     text = part('Repetitions')
     for method, name in made.items():
         text += paragraph(_repeated(name, found[method], found['seed']))
-    rows = []
-    for parameter in found['parameters']:
-        factor, unit = UNITS[parameter['unit']]
-        sizes = (parameter[key] for key in ('analytic', *made))
-        cells = (NOTHING if size is None else f'{size * factor:.5f}' for size in sizes)
-        rows.append([parameter['name'], *cells, unit])
-    header = ['std. uncertainty', 'stated', *made.values(), 'unit']
-    return text + table('', header, rows, range(1, 2 + len(made)))
+    for kind in dict.fromkeys(parameter['unit'] for parameter in found['parameters']):
+        factor, unit = UNITS[kind]
+        rows = []
+        for parameter in found['parameters']:
+            if parameter['unit'] == kind:
+                sizes = [parameter[key] for key in ('analytic', *made)]
+                rows.append([parameter['name'], *(_two_digits(size, factor) for size in sizes)])
+        header = [f'std. uncertainty, {unit}', 'stated', *made.values()]
+        text += table('', header, rows, range(1, 2 + len(made)))
+    return text
+
+
+def _two_digits(size: float | None, factor: float) -> str:
+    return NOTHING if size is None else number(size * factor, decimals_of(size * factor))
 
 
 def _repeated(name: str, found: Record, seed: int) -> str:

@@ -112,6 +112,52 @@ def measuring_arm(columns: Columns) -> str:
     )
 
 
+def standards(columns: Columns) -> str:
+    """Quantities of ISO 10360-12 and ISO 9283 with what they are here."""
+    found = [record['standards'] for record in columns.values()]
+
+    def place(end: str) -> list[str]:
+        return [
+            NOTHING
+            if one[end] is None
+            else f'location {one[f"{end}_location"]}, B{one[f"{end}_sphere"]}'
+            for one in found
+        ]
+
+    rows = [
+        ['ISO 10360-12'],
+        ['location error L Dia, max', *_mm_of(found, 'location_error')],
+        ['caused at (L Dia)', *place('location_error')],
+        ['location error L Dia, mean', *_mm_of(found, 'location_error_mean')],
+        ['length error E, max', *_mm_of(found, 'length_error')],
+        ['ISO 9283'],
+        ['pose accuracy AP, max', *_mm_of(found, 'pose_accuracy')],
+        ['caused at (AP)', *place('pose_accuracy')],
+        ['pose repeatability RP, max', *_mm_of(found, 'pose_repeatability')],
+        ['caused at (RP)', *place('pose_repeatability')],
+        ['distance accuracy AD, max', *_mm_of(found, 'distance_accuracy')],
+        ['distance repeatability RD, max', *_mm_of(found, 'distance_repeatability')],
+    ]
+    return (
+        paragraph(
+            f'Quantities {found[0]["basis"]}: these prescribe artefacts, places, points, speed and '
+            'load. No limits are set here.'
+        )
+        + table('', ['mm', *columns], rows, range(1, 1 + len(columns)))
+        + paragraph(
+            'L Dia is the diameter of the smallest sphere around the centres that the poses of one '
+            'sphere give, each an articulation of its own. E is the deviation, measured minus '
+            'certified, of lengths between single poses of two spheres, probed from either side '
+            'alike (unidirectional). AP is the distance of the mean of a sphere\u2019s poses from '
+            'the certificate as placed at its location, RP = l + 3 s with l and s the mean and the '
+            'standard deviation of the poses\u2019 distances from their mean; the poses differ in '
+            'posture, where the standard repeats one. AD is the deviation of the mean of single '
+            'distances from the certificate, RD three times their standard deviation.',
+            'says',
+        )
+    )
+
+
 def _mm_of(records: list[Record | None], key: str) -> list[str]:
     return [NOTHING if record is None else mm(record[key]) for record in records]
 

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
         transform_record as transform_record,
         write_results as write_results,
     )
+    from calib_solver.results.info import (
+        Info as Info,
+        parse_info as parse_info,
+    )
     from calib_solver.results.limits import (
         LIMITED as LIMITED,
         Judged as Judged,

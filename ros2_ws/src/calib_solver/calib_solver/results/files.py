@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -165,7 +166,8 @@ def write_results(
     folder = Path(folder)
     texts = {
         'arm.yaml': arm_yaml(done.arm),
-        'probe.yaml': probe_yaml(done.probe),
+        # what simulates it is not what it is
+        'probe.yaml': probe_yaml(replace(done.probe, simulated=False)),
         'arm.urdf': urdf.arm_urdf(done.arm),
         'report.html': report,
         UNCERTAINTY: uncertainty_text(done),

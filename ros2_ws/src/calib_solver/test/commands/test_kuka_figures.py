@@ -104,11 +104,31 @@ def test_a_turn_about_z_alone_is_a() -> None:
     np.testing.assert_allclose(abc(of_abc(np.radians([10, 20, 30]))), np.radians([10, 20, 30]))
 
 
-def test_without_a_controllers_side_the_joints_go_by_their_own_names() -> None:
+def test_signs_are_not_guessed_and_what_is_assumed_is_said_on_every_line() -> None:
     arm = turned_kr5()
-    text = figures_text(controller_figures(Calibrated(arm, with_zeros(arm, 1e-3), MOUNT, MOUNT)))
+    calibrated = Calibrated(arm, with_zeros(arm, 1e-3), MOUNT, MOUNT)
+    with pytest.raises(DataError, match='signs are not guessed.*--assume-urdf'):
+        controller_figures(calibrated)
+    text = figures_text(controller_figures(calibrated, assume_urdf=True))
+    axes = text.splitlines()[1:7]
+    assert all("assumed: the URDF's direction" in line for line in axes)
     assert 'joint_a2       +0.0573' in text
     assert 'X +10.0000  Y -20.0000  Z +100.0000' in text
+
+
+def test_each_line_says_how_the_description_counts_the_axis() -> None:
+    text = figures_text(controller_figures(Calibrated(KR5, KR5, MOUNT, MOUNT)))
+    assert 'A2 = joint_a2 - 90 deg, by its description' in text
+    assert 'assumed' not in text
+    axes = [ControllerAxis('A1', -1, 0.5), *(joint.controller for joint in KR5.joints[1:])]
+    joints = zip(KR5.joints, axes, strict=True)
+    turned = replace(KR5, joints=tuple(replace(one, controller=axis) for one, axis in joints))
+    text = figures_text(controller_figures(Calibrated(turned, turned, MOUNT, MOUNT)))
+    assert 'A1 = -(joint_a1 - 28.6479 deg), by its description' in text
+
+
+def test_the_controllers_side_comes_from_a_description_of_the_same_arm() -> None:
+    arm = turned_kr5()
     described = controller_figures(Calibrated(KR5, counted_as(KR5, KR5), MOUNT, MOUNT))
     assert described.axes[1].axis == 'A2'
     with pytest.raises(DataError, match='other joints'):

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -14,16 +15,18 @@ from simulated_calibration import active, kr5, simulate
 
 from calib_model.bags import write_measurement
 from calib_model.descriptions import gauge_yaml
+from calib_model.errors import DescriptionError
 from calib_solver.calibration import Effort, Sources, calibrate
 from calib_solver.fitting import Options
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import identify
 from calib_solver.report.charts import Chart, Series, ranges
+from calib_solver.report.evidence import evidence_of
 from calib_solver.report.instruments import Inputs
 from calib_solver.report.page import report_html
 from calib_solver.report.png import all_charts
 from calib_solver.resampling import Plan
-from calib_solver.results import result_record
+from calib_solver.results import parse_info, result_record
 
 pytestmark = pytest.mark.timeout(60)
 VOID = {'meta', 'link', 'br'}
@@ -91,6 +94,18 @@ def mm(value):
 
 def shown(value, digits, sign=''):
     return format(value, f'{sign}.{digits}f').replace('-', '−')
+
+
+def page_of(done, given=None, held_out=None, info=None):
+    """The page as `identify` makes it and, by way of JSON, as `report` makes it anew: the same."""
+    record, evidence = (
+        result_record(done, held_out),
+        evidence_of(done, given or Inputs(()), held_out),
+    )
+    text = report_html(record, evidence, info)
+    kept = json.loads(json.dumps([record, evidence], allow_nan=False))
+    assert report_html(*kept, info) == text
+    return text
 
 
 @pytest.fixture(scope='module')
@@ -185,21 +200,28 @@ def test_the_measuring_arm_s_quantities_are_the_record_s_and_say_what_they_are_n
     assert 'not a test by the standard' in text
 
 
-def test_every_parameter_is_there_with_its_correction_and_its_reason(written):
+def two_digits(size):
+    """Decimals by which a size has two digits."""
+    return max(0, 1 - int(np.floor(np.log10(size))))
+
+
+def test_every_parameter_is_there_with_its_correction_its_uncertainty_and_its_reason(written):
     record, page, *_ = written
     rows = page.rows('Parameters')
     for parameter in record['parameters']:
-        factor, unit = (1e3, 'mm') if parameter['unit'] == 'm' else (DEGREE, '°')
+        factor = 1e3 if parameter['unit'] == 'm' else DEGREE
         before, after = parameter['initial'] * factor, parameter['identified'] * factor
         sure = parameter['standard_uncertainty']
+        digits = 5 if sure is None else two_digits(sure * factor)
         assert rows[parameter['name']] == [
-            shown(before, 5),
-            shown(after, 5),
-            shown(after - before, 5, '+') if parameter['free'] else 'held',
-            NOTHING if sure is None else shown(sure * factor, 5),
-            unit,
+            shown(before, digits),
+            shown(after, digits),
+            shown(after - before, digits, '+') if parameter['free'] else 'held',
+            NOTHING if sure is None else shown(sure * factor, digits),
             parameter['reason'],
         ]
+    assert {'parameter, mm', 'parameter, °'} <= set(rows)
+    assert not any('times better' in parameter['reason'] for parameter in record['parameters'])
 
 
 def test_mount_and_repetitions_are_the_record_s(written):
@@ -210,10 +232,82 @@ def test_mount_and_repetitions_are_the_record_s(written):
     assert rows['rotation vector, °'] == [shown(v * DEGREE, 4) for v in mount['rotation_vector']]
     rows = page.rows('Repetitions')
     for parameter in record['resampling']['parameters']:
-        factor, unit = (1e3, 'mm') if parameter['unit'] == 'm' else (DEGREE, '°')
+        factor = 1e3 if parameter['unit'] == 'm' else DEGREE
         sizes = [parameter[key] for key in ('analytic', 'monte_carlo', 'bootstrap')]
-        cells = [NOTHING if size is None else shown(size * factor, 5) for size in sizes]
-        assert rows[parameter['name']] == [*cells, unit]
+        cells = [
+            NOTHING if size is None else shown(size * factor, two_digits(size * factor))
+            for size in sizes
+        ]
+        assert rows[parameter['name']] == cells
+
+
+def test_the_quantities_of_iso_standards_are_the_record_s(written):
+    record, page, *_ = written
+    rows = page.rows('As defined in ISO 10360-12 and ISO 9283')
+    found = [record['quality'][name]['standards'] for name in COLUMNS]
+    for label, key in (
+        ('location error L Dia, max', 'location_error'),
+        ('length error E, max', 'length_error'),
+        ('pose accuracy AP, max', 'pose_accuracy'),
+        ('pose repeatability RP, max', 'pose_repeatability'),
+        ('distance accuracy AD, max', 'distance_accuracy'),
+        ('distance repeatability RD, max', 'distance_repeatability'),
+    ):
+        assert rows[label] == [mm(one[key]) for one in found]
+
+
+def test_the_first_page_says_who_what_when_and_the_verdict(active_scene):
+    measured = active_scene.measured
+    stamps = 1_801_000_000 * 10**9 + np.arange(len(measured.poses)) * 10**9
+    dated = replace(measured, poses=replace(measured.poses, stamp=stamps))
+    last = dated.poses.location == 5
+    done = identify(replace(dated, poses=dated.poses.take(~last)))
+    held_out = HeldOut.by(replace(dated, poses=dated.poses.take(last)), done)
+    quality = result_record(done, held_out)['quality']['test']
+    limit = quality['distance']['max']
+    info = parse_info(
+        'number: K-31\noperator: "A. <Muster>"\nserials: {arm: "77", gauge: B-2}\n'
+        f'temperature: 22.5\nlimits: {{distance_max: {1.1 * limit}, two_sigma_max: 1.0e-6}}\n'
+    )
+    page = Page(page_of(done, held_out=held_out, info=info))
+    rows = page.rows('Kinematic calibration of kr5')
+    assert rows['Readings'] == ['2027-01-26']
+    assert rows['Arm'] == ['kr5, serial 77']
+    assert rows['Probe'] == ['active_trihedron, serial not recorded']
+    assert rows['Temperature'] == ['22.5 °C']
+    assert rows['Operator'] == ['A. <Muster>']
+    assert rows['distance_max'] == [mm(limit), mm(1.1 * limit), 'passed']
+    assert rows['two_sigma_max'][2] == 'failed'
+    text = page_of(done, held_out=held_out, info=info)
+    assert 'Calibration report K-31' in text
+    assert 'Failed: 1 of 2 limits kept, judged on held-out poses.' in text
+    assert 'Nothing was held out' not in text
+    assert 'Simulated' not in text
+    assert re.search(r'<title>pose \d+, location \d+, B\d+</title>', text)
+
+
+def test_what_was_simulated_and_what_was_not_held_out_is_said(clean_scene):
+    measured = clean_scene.measured
+    told = replace(measured, probe=replace(measured.probe, simulated=True))
+    text = page_of(identify(told, Options(quick=True)))
+    assert 'class="marked" role="note">Simulated: no real arm was measured.' in text
+    assert 'class="marked" role="note">Nothing was held out' in text
+
+
+@pytest.mark.parametrize(
+    ('text', 'named'),
+    [
+        ('numbre: 3', 'numbre'),
+        ('number: 3\nsomething: 4', 'something: unknown key'),
+        ('temperature: hot', 'temperature'),
+        ('temperature: 2000', 'temperature'),
+        ('serials: 12', 'serials'),
+        ('limits: {width: 1.0e-4}', 'width'),
+    ],
+)
+def test_information_that_cannot_be_used_is_refused_by_name(text, named):
+    with pytest.raises(DescriptionError, match=named):
+        parse_info(text, 'info.yaml')
 
 
 def test_residuals_by_location_and_joint_are_the_record_s(written):
@@ -242,7 +336,7 @@ def test_warnings_come_first_and_what_was_left_out_is_listed(written):
 def test_nothing_is_warned_of_where_there_is_nothing(clean_scene, tmp_path):
     write_measurement(tmp_path / 'bag', clean_scene.measured)
     done = identify(clean_scene.measured)
-    page = Page(report_html(done, result_record(done), Inputs((str(tmp_path / 'bag'),))))
+    page = Page(page_of(done, Inputs((str(tmp_path / 'bag'),))))
     assert page.warnings == []
     assert len(page.tables['Quality'][0]) == 3  # no columns for what was not held out
 
@@ -275,7 +369,7 @@ def test_the_readings_time_of_day_is_said_where_they_have_one():
     stamps = begin + np.arange(len(measured.poses)) * second
     dated = replace(measured, poses=replace(measured.poses, stamp=stamps))
     done = identify(dated)
-    text = report_html(done, result_record(done), Inputs(()))
+    text = page_of(done)
     assert 'readings stamped 2026-09-21 14:13:20 to 14:14:23 UTC' in text
 
 
@@ -291,7 +385,8 @@ def test_the_page_stands_alone_and_is_well_formed(written):
 def test_every_chart_is_drawn_and_described(written):
     record, page, text, _ = written
     count = len(record['diagnostics']['by_joint']) + 4 + 3 + 4 + 1
-    assert text.count('<figure') == len(page.labels) == count
+    # the first of them stands on the first page, too
+    assert text.count('<figure') == len(page.labels) == count + 1
     assert all(page.labels)
     assert len(set(page.labels)) == count
 
@@ -312,7 +407,7 @@ def beyond():
     done = identify(replace(measured, poses=measured.poses.take(seen)), options)
     held_out = HeldOut.by(unseen, done)
     record = result_record(done, held_out)
-    return record, Page(report_html(done, record, Inputs(()), held_out))
+    return record, Page(page_of(done, held_out=held_out))
 
 
 def test_what_eq_12_corrects_stands_beside_what_it_does_not(beyond):

@@ -20,6 +20,14 @@ pytestmark = pytest.mark.timeout(60)
 ROOT = Path(__file__).resolve().parents[5]
 DEMO = ROOT / 'bags/demo/identification'
 ARM = ROOT / 'ros2_ws/src/calib_bringup/config/arms/kuka_kr5_sixx_r650.yaml'
+WRITTEN = {
+    'arm.yaml',
+    'probe.yaml',
+    'arm.urdf',
+    'report.html',
+    'report.json',
+    'uncertainty.json',
+}
 
 
 @pytest.fixture(scope='module')
@@ -46,13 +54,13 @@ def mixed(results, tmp_path):
 
 def test_every_file_is_listed_and_as_it_was_written(results):
     listed = json.loads((results / 'one/result.json').read_text())['files']
-    assert set(listed) == {'arm.yaml', 'probe.yaml', 'arm.urdf', 'report.html', 'uncertainty.json'}
+    assert set(listed) == WRITTEN
     refuse_mixture(results / 'one')
     read_calibrated(results / 'one')
 
 
 @pytest.mark.parametrize(
-    'name', ['arm.yaml', 'probe.yaml', 'arm.urdf', 'report.html', 'uncertainty.json']
+    'name', ['arm.yaml', 'probe.yaml', 'arm.urdf', 'report.html', 'report.json', 'uncertainty.json']
 )
 def test_a_file_of_another_calibration_is_named(mixed, name):
     with pytest.raises(CalibrationError, match=f'{name}: not the file that result.json'):

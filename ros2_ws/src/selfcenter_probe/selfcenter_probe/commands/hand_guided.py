@@ -7,6 +7,7 @@ import sys
 import time
 from argparse import Namespace
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from calib_model import bags, files
@@ -137,9 +138,8 @@ def measure(
         taken.append((seating, hand.poses_of(number)))
         done += seating.poses
     told.end()
-    return Measurement(
-        scene.arm, scene.probe, scene.gauge, operator.probing_set(taken), 'hand'
-    ).checked()
+    probe = replace(scene.probe, simulated=True)
+    return Measurement(scene.arm, probe, scene.gauge, operator.probing_set(taken), 'hand').checked()
 
 
 def write(out: Path, measured: Measurement, hand: operator.HandGuided | None) -> None:

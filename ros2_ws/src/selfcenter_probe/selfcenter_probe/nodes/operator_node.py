@@ -6,7 +6,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -117,7 +117,8 @@ class OperatorNode(Node):
         self._scale = given.time_scale
         self._joint_names = scene.arm.joint_names
         self._frames = scene.arm.base_frame, scene.probe.name
-        texts = (arm_yaml(scene.arm), probe_yaml(scene.probe), gauge_yaml(scene.gauge))
+        probe = replace(scene.probe, simulated=True)
+        texts = (arm_yaml(scene.arm), probe_yaml(probe), gauge_yaml(scene.gauge))
         self._latched = [
             self._latch(topic, text) for topic, text in zip(DESCRIPTIONS, texts, strict=True)
         ]

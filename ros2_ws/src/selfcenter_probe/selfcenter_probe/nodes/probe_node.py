@@ -6,7 +6,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -139,7 +139,7 @@ class ProbeNode(Node):
         self._frame = probe.name
         self._joint_names = arm.joint_names
         self._latched = [
-            self._latch(PROBE_DESCRIPTION, probe_yaml(probe)),
+            self._latch(PROBE_DESCRIPTION, probe_yaml(replace(probe, simulated=True))),
             self._latch(GAUGE_DESCRIPTION, gauge_yaml(gauge)),
         ]
         self._readings = self.create_publisher(
