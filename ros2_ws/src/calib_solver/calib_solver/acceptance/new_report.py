@@ -10,17 +10,18 @@ from typing import Any
 from calib_model.descriptions import read_description
 from calib_model.errors import CalibrationError
 from calib_model.files import (
-    FolderLock,
+    RESULT_FILES,
     file_content,
     file_hashes,
+    is_there,
     refuse_mixture,
-    write_together,
+    replace_set,
 )
 from calib_solver import report
 from calib_solver.acceptance.paper import PAPERS, as_pdf
 from calib_solver.results import Info, parse_info
 
-PDF = 'report.pdf'
+PDF, RECORD = 'report.pdf', 'result.json'
 
 
 def report_anew(
@@ -36,34 +37,38 @@ def report_anew(
     known = read_description(info, parse_info) if info else Info()
     path = Path(folder)
     refuse_mixture(path)
-    record, evidence = (_read(path / name) for name in ('result.json', report.EVIDENCE))
+    record, evidence = (_read(path / name) for name in (RECORD, report.EVIDENCE))
     page = report.report_html(record, evidence, known)
     texts = {'report.html': page.encode('utf-8', 'backslashreplace')}
     if pdf:
         texts[PDF] = as_pdf(page, paper)
-    files = {name: digest for name, digest in record.get('files', {}).items() if name != PDF}
-    record['files'] = files | file_hashes(texts)
-    text = json.dumps(record, indent=1, allow_nan=False) + '\n'
+    kept = (name for name in RESULT_FILES if name != PDF and is_there(path / name))
+    contents = {name: _content(path / name) for name in kept}
+    contents |= texts
+    del contents[RECORD]
+    record['files'] = file_hashes(contents)
+    contents[RECORD] = (json.dumps(record, indent=1, allow_nan=False) + '\n').encode()
     try:
-        with FolderLock(path):
-            refuse_mixture(path)
-            write_together(path, {**texts, 'result.json': text.encode()})
-            if not pdf:
-                (path / PDF).unlink(missing_ok=True)
+        replace_set(path, contents, RESULT_FILES)
     except OSError as error:
         raise CalibrationError(f'{folder}: cannot be written: {error.strerror}') from error
     return [path / name for name in texts]
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _content(path: Path) -> bytes:
     try:
-        found = json.loads(file_content(path).decode('utf-8'))
+        return file_content(path)
     except FileNotFoundError as error:
         raise CalibrationError(
             f'{path}: there is none: the result is of a version without it, identify it anew'
         ) from error
     except OSError as error:
         raise CalibrationError(f'{path}: cannot be read: {error.strerror}') from error
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        found = json.loads(_content(path).decode('utf-8'))
     except (ValueError, RecursionError) as error:
         raise CalibrationError(f'{path}: not what identify writes: {error}') from error
     if not isinstance(found, dict):
