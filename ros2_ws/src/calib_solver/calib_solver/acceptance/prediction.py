@@ -17,7 +17,8 @@ from scipy.special import chdtri
 from calib_model.arrays import Array
 from calib_solver.acceptance.certificate import certificate_roots, same_certificate, together
 from calib_solver.acceptance.stored_result import StoredResult
-from calib_solver.problem import Placed, Problem, by_joint, place_gauge, point_jacobian
+from calib_solver.fitting import positions_moved
+from calib_solver.problem import Placed, Problem, place_gauge, point_jacobian
 from calib_solver.quality import Quality
 
 #: how often poses are said to miss what is stated where all is as stated
@@ -94,7 +95,7 @@ class _Errors:
         """Of the poses of a problem, whose spheres a `quality` has the centres of."""
         rows = np.arange(len(problem.joints))
         _, jacobian = point_jacobian(problem, result.table, result.full, rows)
-        by_joints = by_joint(result.table, problem.measured.arm, jacobian)
+        moved = positions_moved(problem, result.table, jacobian)
         centers, gauge = quality.spheres.center, problem.measured.gauge
         certified = np.array([gauge.center(int(number)) for number in problem.keys[:, 1]])
         placed = tuple(
@@ -106,7 +107,7 @@ class _Errors:
             problem,
             centers,
             jacobian[:, :, result.table.free_columns],
-            result.stated.shares.poses.covariance(by_joints),
+            result.stated.shares.poses.covariance(moved),
             placed,
             _certified_slopes(problem, placed),
         )

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
         ErrorShares as ErrorShares,
         PoseNoise as PoseNoise,
         error_shares as error_shares,
+        positions_moved as positions_moved,
     )
     from calib_solver.fitting.levenberg_marquardt import (
         Fit as Fit,

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib_model.arrays import Array
+from calib_model.kinematics import ParameterTable
 from calib_solver.fitting.levenberg_marquardt import Fit
 from calib_solver.fitting.pose_noise import full_inverse
 from calib_solver.fitting.solver import Solver
@@ -74,7 +75,7 @@ def error_shares(problem: Problem, solver: Solver, fit: Fit, misfit: float) -> E
     of_pose = np.repeat(np.arange(len(problem.counts)), problem.counts)
     for rows in _blocks(len(of_pose)):
         _, jacobian = point_jacobian(problem, solver.table, full, rows)
-        scatter = found.covariance(by_joint(solver.table, problem.measured.arm, jacobian))
+        scatter = found.covariance(positions_moved(problem, solver.table, jacobian))
         sphere = of_pose[rows]
         centred = jacobian[:, :, solver.table.free_columns] - sums.jacobian[sphere]
         slope = slopes.weight[sphere, None, None] * centred
@@ -105,7 +106,7 @@ def _pose_noise(problem: Problem, solver: Solver, full: Array) -> PoseNoise:
     for rows in _blocks(len(of_pose)):
         point, jacobian = point_jacobian(problem, solver.table, full, rows)
         squares.append((point - sums.center[of_pose[rows]]).reshape(-1) ** 2)
-        moved = by_joint(solver.table, problem.measured.arm, jacobian).reshape(-1, n)
+        moved = positions_moved(problem, solver.table, jacobian).reshape(-1, n)
         expected.append(np.concatenate([np.ones((len(moved), 1)), moved**2], axis=1))
     known = np.concatenate(squares) * 3 * len(of_pose) / freedom
     design = np.concatenate(expected)
@@ -118,6 +119,12 @@ def _pose_noise(problem: Problem, solver: Solver, full: Array) -> PoseNoise:
         weight = 1 / np.maximum(told, max(LEAST * told.mean(), 1e-300))
         weight /= weight.max()
     return PoseNoise(float(variance[0]), variance[1:], freedom)
+
+
+def positions_moved(problem: Problem, table: ParameterTable, jacobian: Array) -> Array:
+    """How points move with the joints' readings (R, 3, n), m/rad or m/m."""
+    arm = problem.measured.arm
+    return arm.by_positions(by_joint(table, arm, jacobian))
 
 
 def _blocks(count: int) -> list[IntArray]:
