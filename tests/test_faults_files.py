@@ -36,6 +36,7 @@ RESULTS = (
     'probe.yaml',
     'arm.urdf',
     'report.html',
+    'report.json',
     'uncertainty.json',
     'result.json',
 )

@@ -13,7 +13,9 @@ PACKAGES = sorted(path.parent for path in SOURCES.glob('*/package.xml'))
 #: modules to the keys that bring them, as rosdep knows them; ROS packages have their own names
 KEYS = {
     'hypothesis': 'python3-hypothesis',
+    'jinja2': 'python3-jinja2',
     'lz4': 'python3-rosbags-pip',  # which needs it too
+    'markupsafe': 'python3-jinja2',  # which needs it too
     'matplotlib': 'python3-matplotlib',
     'mcap': 'mcap-ros2-support',  # mcap itself has no key
     'numpy': 'python3-numpy',

@@ -45,6 +45,8 @@ WRITTEN = {
     'arm.urdf',
     'correction.yaml',
     'report.html',
+    'report.json',
+    'report.pdf',
     'uncertainty.json',
     FIGURES,
 }

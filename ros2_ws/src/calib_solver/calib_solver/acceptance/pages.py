@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +46,7 @@ def write_verification(found: Verification, folder: str) -> Path:
         [
             f'{name} error, rms',
             report.mm(one.rms),
-            report.mm(one.stated),
+            report.two_digits(one.stated),
             report.mm(one.bound),
             'within' if one.within else 'beyond',
         ]
@@ -152,7 +153,8 @@ def _mm(values: Array) -> Array:
 
 
 def _when(readings: dict[str, str | None]) -> str:
-    return f', readings of {readings["first"]} to {readings["last"]}' if readings['first'] else ''
+    taken = report.days(readings)
+    return f', readings of {taken}' if taken else ''
 
 
 def write_comparison(found: History, folder: str) -> Path:
@@ -180,26 +182,29 @@ def _changed(found: History) -> bool:
 
 
 def _step_section(step: Step) -> str:
-    record = step.record()
-    rows = []
-    for one in record['parameters']:
-        factor, unit = report.UNITS[one['unit']]
-        rows.append(
-            [
-                one['name'],
-                f'{one["difference"] * factor:+.5f}'.replace('-', '\u2212'),
-                f'{one["standard_uncertainty"] * factor:.5f}',
-                unit,
-                'beyond' if one['beyond'] else '',
-            ]
-        )
-    header = ['parameter', 'later less earlier', 'joint std. uncertainty', 'unit', '']
     return report.section(
         f'From {step.earlier.folder} to {step.later.folder}',
         *(report.paragraph(line.strip()) for line in step_lines(step)),
         report.side_by_side(_step_charts(step)),
-        report.table('', header, rows, (1, 2)),
+        *_change_tables(step.record()['parameters']),
     )
+
+
+def _change_tables(parameters: list[dict[str, Any]]) -> list[str]:
+    """A table of changes for each unit that the parameters have."""
+    found = []
+    for kind in dict.fromkeys(one['unit'] for one in parameters):
+        factor, unit = report.UNITS[kind]
+        rows = []
+        for one in (each for each in parameters if each['unit'] == kind):
+            sure = one['standard_uncertainty']
+            decimals = report.decimals_of(sure * factor)
+            change = report.number(one['difference'] * factor, decimals, '+')
+            beyond = 'beyond' if one['beyond'] else ''
+            rows.append([one['name'], change, report.two_digits(sure, factor), beyond])
+        header = [f'parameter, {unit}', 'later less earlier', 'joint std. uncertainty', '']
+        found.append(report.table('', header, rows, (1, 2)))
+    return found
 
 
 def _step_charts(step: Step) -> list[Chart]:

@@ -11,6 +11,9 @@ if TYPE_CHECKING:
         Chart as Chart,
         Series as Series,
     )
+    from calib_solver.report.cover import (
+        days as days,
+    )
     from calib_solver.report.evidence import (
         EVIDENCE as EVIDENCE,
         evidence_of as evidence_of,
@@ -18,13 +21,16 @@ if TYPE_CHECKING:
     )
     from calib_solver.report.html import (
         UNITS as UNITS,
+        decimals_of as decimals_of,
         document as document,
         heading as heading,
         mm as mm,
+        number as number,
         paragraph as paragraph,
         section as section,
         side_by_side as side_by_side,
         table as table,
+        two_digits as two_digits,
         verdict_box as verdict_box,
     )
     from calib_solver.report.instruments import (

@@ -9,13 +9,12 @@ from markupsafe import Markup
 
 from calib_solver.report.evidence import charts_of
 from calib_solver.report.html import (
-    MM,
     facts,
     mm,
-    number,
     rendered,
     side_by_side,
     table,
+    two_digits,
     warnings_box,
 )
 from calib_solver.report.residuals import warnings
@@ -69,12 +68,10 @@ def _marks(record: Record, evidence: dict[str, Any]) -> list[str]:
 
 def _facts(record: Record, evidence: dict[str, Any], info: Info) -> list[tuple[str, str]]:
     readings = record.get('readings') or {'first': None, 'last': None}
-    first, last = (day(readings[key]) for key in ('first', 'last'))
-    taken = 'no date' if not first else first if first == last else f'{first} to {last}'
     scale = record['diagnostics']['scale']
     warmth = info.temperature if info.temperature is not None else (scale or {}).get('temperature')
     rows = [
-        ('Readings', taken),
+        ('Readings', days(readings) or 'no date'),
         ('Report', day(evidence['made'])),
         ('Arm', _with_serial(record['arm'], info, 'arm')),
         ('Probe', _with_serial(evidence['probe'], info, 'probe')),
@@ -98,6 +95,12 @@ def _with_serial(name: str, info: Info, of: str) -> str:
 def day(moment: str | None) -> str:
     """The day of an ISO 8601 time, as all dates of the report are."""
     return moment[:10] if moment else ''
+
+
+def days(readings: Record) -> str:
+    """The days of the `first` and the `last` reading; nothing where they have no date."""
+    first, last = day(readings['first']), day(readings['last'])
+    return first if first == last else f'{first} to {last}'
 
 
 def _verdict(judged: list[Judged], record: Record) -> str:
@@ -127,7 +130,7 @@ def _figures(record: Record) -> list[dict[str, str]]:
         size = max(left_out['position']['rms'], left_out['position']['stated'])
         place = 'place' if left_out['by'] == 'location' else 'posture'
         expected = {
-            'value': f'{number(COVERAGE * size * MM, 4)} mm',
+            'value': f'{two_digits(COVERAGE * size)} mm',
             'more': f'95 % of positions, {COVERAGE:.2f} times {mm(size)} mm rms, at a {place} '
             'never probed',
         }

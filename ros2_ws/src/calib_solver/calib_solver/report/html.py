@@ -132,6 +132,13 @@ def decimals_of(uncertainty: float) -> int:
     return min(max(1 - floor(log10(uncertainty)), 0), 9) if uncertainty > 0 else 5
 
 
+def two_digits(uncertainty: float | None, factor: float = MM) -> str:
+    """An uncertainty in SI to two digits in the unit that `factor` makes, mm if nothing is said."""
+    if uncertainty is None:
+        return NOTHING
+    return number(uncertainty * factor, decimals_of(uncertainty * factor))
+
+
 def number(value: float, decimals: int, sign: str = '') -> str:
     """A number with so many decimals and a minus that is one."""
     return format(value, f'{sign}.{decimals}f').replace('-', '\u2212')

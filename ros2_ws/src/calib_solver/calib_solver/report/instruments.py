@@ -19,7 +19,7 @@ from calib_model.instruments import Gauge, PassiveProbe, Probe
 from calib_model.measurement import ProbingSet
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
-from calib_solver.report.html import counted, mm
+from calib_solver.report.html import counted, mm, two_digits
 from calib_solver.results import reading_times, scale_words
 
 PACKAGES = ('calib_solver', 'calib_model', 'numpy', 'mcap')
@@ -123,7 +123,7 @@ def certificate_rows(gauge: Gauge) -> dict[str, list[Any]]:
     rows = []
     for number, center in gauge.spheres:
         length = gauge.distance(origin, number)
-        sure = '–' if number == origin else f'{gauge.distance_uncertainty(length) * 1e6:.2f}'
+        sure = '–' if number == origin else two_digits(gauge.distance_uncertainty(length), 1e6)
         rows.append([f'B{number}', *map(mm, center), mm(length), sure])
     header = ['sphere', 'X, mm', 'Y, mm', 'Z, mm', f'from B{origin}, mm', 'U (k = 2), µm']
     return {'header': header, 'rows': rows}

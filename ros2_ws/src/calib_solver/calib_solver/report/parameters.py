@@ -14,6 +14,7 @@ from calib_solver.report.html import (
     paragraph,
     part,
     table,
+    two_digits,
 )
 from calib_solver.results import Record, convention_words
 
@@ -72,13 +73,13 @@ def mount(record: Record) -> str:
     """The probe's place on the flange, and eq. 15's account of itself."""
     placed, fit = record['flange_T_probe'], record['probe_fit']
     rows = [
-        ['translation, mm', *(number(value * MM, 4) for value in placed['translation'])],
-        [
-            'rotation vector, °',
-            *(number(value * DEGREE, 4) for value in placed['rotation_vector']),
-        ],
+        [axis, number(along * MM, 4), number(about * DEGREE, 4)]
+        for axis, along, about in zip(
+            'xyz', placed['translation'], placed['rotation_vector'], strict=True
+        )
     ]
-    text = table('', ['flange to probe (P of eq. 14)', 'x', 'y', 'z'], rows, range(1, 4))
+    header = ['flange to probe (P of eq. 14)', 'translation, mm', 'rotation vector, °']
+    text = table('', header, rows, (1, 2), name='narrow')
     if fit is None:
         return text
     return text + paragraph(
@@ -103,21 +104,17 @@ def repetitions(record: Record) -> str:
         for parameter in found['parameters']:
             if parameter['unit'] == kind:
                 sizes = [parameter[key] for key in ('analytic', *made)]
-                rows.append([parameter['name'], *(_two_digits(size, factor) for size in sizes)])
+                rows.append([parameter['name'], *(two_digits(size, factor) for size in sizes)])
         header = [f'std. uncertainty, {unit}', 'stated', *made.values()]
         text += table('', header, rows, range(1, 2 + len(made)))
     return text
-
-
-def _two_digits(size: float | None, factor: float) -> str:
-    return NOTHING if size is None else number(size * factor, decimals_of(size * factor))
 
 
 def _repeated(name: str, found: Record, seed: int) -> str:
     text = (
         f'{name[0].upper()}{name[1:]}: {found["repetitions"]} repetitions (seed {seed}), '
         f'{found["converged"]} converged; standard uncertainty of a position over the workspace '
-        f'{mm(found["position_uncertainty_rms"])} mm rms.'
+        f'{two_digits(found["position_uncertainty_rms"])} mm rms.'
     )
     if found['ratio_to_analytic'] is not None:
         ratio = found['ratio_to_analytic']

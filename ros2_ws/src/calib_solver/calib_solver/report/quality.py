@@ -27,7 +27,6 @@ def full_quality(columns: Columns) -> str:
     rows: list[list[str]] = [['Distance errors']]
     rows += _extremes(records, 'distance', 'distance error', ('max', 'min'))
     rows += [_row(records, 'distance', key, f'distance error, {key}') for key in ('mean', 'rms')]
-    rows.append(['number of distances', *(str(r['distance']['count']) for r in records)])
     rows.append(['2 sigma by sphere'])
     rows += _extremes(records, 'two_sigma', '2 sigma', ('max', 'min'))
     rows.append(_row(records, 'two_sigma', 'mean', '2 sigma, mean'))
@@ -38,9 +37,14 @@ def full_quality(columns: Columns) -> str:
     rows += [
         _row(records, 'position', key, f'position error, {key}') for key in ('max', 'mean', 'rms')
     ]
-    rows.append(['Eq. 11'])
-    rows.append(['phi, mm²', *(f'{r["phi"] * 1e6:.4g}' for r in records)])
-    return table('', ['mm', *columns], rows, range(1, 1 + len(columns)))
+    numbers = range(1, 1 + len(columns))
+    sums = [['phi of eq. 11', *(f'{r["phi"] * 1e6:.4g}' for r in records)]]
+    counts = [['distances', *(str(r['distance']['count']) for r in records)]]
+    return (
+        table('', ['mm', *columns], rows, numbers)
+        + table('', ['mm²', *columns], sums, numbers)
+        + table('', ['number of', *columns], counts, numbers)
+    )
 
 
 def _row(records: list[Record], group: str, key: str, label: str) -> list[str]:
@@ -83,8 +87,6 @@ def measuring_arm(columns: Columns) -> str:
         ['2 s, largest of a seat', *_mm_of(points, 'two_s_max')],
         ['caused at (2 s)', *(_seat(one, 'two_s') for one in points)],
         ['2 s, mean of all seats', *_mm_of(points, 'two_s_mean')],
-        ['seats', *_count_of(points, 'spheres')],
-        ['points', *_count_of(points, 'points')],
         ['Volumetric lengths'],
         ['length deviation, max', *_mm_of(lengths, 'max_deviation')],
         ['caused at (length)', *(_length(one) for one in lengths)],
@@ -92,15 +94,21 @@ def measuring_arm(columns: Columns) -> str:
         ['2 RMS', *_mm_of(lengths, 'two_rms')],
         ['length deviation, mean', *_mm_of(lengths, 'mean')],
         ['range', *_mm_of(lengths, 'span')],
-        ['number of lengths', *_count_of(lengths, 'count')],
     ]
+    counts = [
+        ['seats', *_count_of(points, 'spheres')],
+        ['points', *_count_of(points, 'points')],
+        ['lengths', *_count_of(lengths, 'count')],
+    ]
+    numbers = range(1, 1 + len(columns))
     return (
         paragraph(
             f'The quantities in which ASME B89.4.22-2004 states a measuring arm, '
             f'{arms[0]["basis"]}: a probed sphere stands for the seat, two spheres of the gauge '
             'for the length. No limits are set here.'
         )
-        + table('', ['mm', *columns], rows, range(1, 1 + len(columns)))
+        + table('', ['mm', *columns], rows, numbers)
+        + table('', ['number of', *columns], counts, numbers)
         + paragraph(
             '2 s = 2 √(Σ δ² / (n − 1)) with δ the distance in space of each of the n points on a '
             'seat from their mean. A length is measured between a single point on either sphere '

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from calib_solver.report.html import counted, mm, paragraph, part, table
+from calib_solver.report.html import counted, mm, paragraph, part, table, two_digits
 from calib_solver.results import Record, prior_words
 
 #: a misfit from which on the arm is doubted: twice the scatter, squared. Below it stands beside the
@@ -90,8 +90,8 @@ def sure(record: Record) -> str:
     more = f'; locations scatter {misfit:.3g} times more than that explains' if misfit > 1 else ''
     return paragraph(
         'Standard uncertainty of a position over the workspace: '
-        f'{mm(checks["position_uncertainty_rms"])} mm rms, '
-        f'{mm(checks["position_uncertainty_max"])} mm at most. One pose scatters by '
+        f'{two_digits(checks["position_uncertainty_rms"])} mm rms, '
+        f'{two_digits(checks["position_uncertainty_max"])} mm at most. One pose scatters by '
         f'{mm(checks["noise"])} mm (standard deviation per coordinate){more}.'
     ) + ''.join(paragraph(f'Not told by any such poses: {text}.') for text in checks['untold'])
 

@@ -158,7 +158,7 @@ def test_every_quality_in_the_page_is_the_record_s(written):
     for axis, name in enumerate('XYZ'):
         expected = [mm(q['two_sigma']['mean_xyz'][axis]) for q in qualities]
         assert rows[f'2 sigma, mean {name}'] == expected
-    assert rows['phi, mm²'] == [f'{q["phi"] * 1e6:.4g}' for q in qualities]
+    assert rows['phi of eq. 11'] == [f'{q["phi"] * 1e6:.4g}' for q in qualities]
 
 
 def test_what_causes_the_extremes_is_said_as_in_the_chapter(written):
@@ -194,7 +194,7 @@ def test_the_measuring_arm_s_quantities_are_the_record_s_and_say_what_they_are_n
     for label, group, key in (
         ('seats', 'single_point', 'spheres'),
         ('points', 'single_point', 'points'),
-        ('number of lengths', 'length', 'count'),
+        ('lengths', 'length', 'count'),
     ):
         assert rows[label] == [str(arm[group][key]) for arm in arms]
     assert 'not a test by the standard' in text
@@ -228,8 +228,10 @@ def test_mount_and_repetitions_are_the_record_s(written):
     record, page, *_ = written
     rows = page.rows('The probe on the flange')
     mount = record['flange_T_probe']
-    assert rows['translation, mm'] == [shown(v * 1e3, 4) for v in mount['translation']]
-    assert rows['rotation vector, °'] == [shown(v * DEGREE, 4) for v in mount['rotation_vector']]
+    for axis, along, about in zip(
+        'xyz', mount['translation'], mount['rotation_vector'], strict=True
+    ):
+        assert rows[axis] == [shown(along * 1e3, 4), shown(about * DEGREE, 4)]
     rows = page.rows('Repetitions')
     for parameter in record['resampling']['parameters']:
         factor = 1e3 if parameter['unit'] == 'm' else DEGREE
