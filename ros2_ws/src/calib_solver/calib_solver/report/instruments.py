@@ -19,7 +19,7 @@ from calib_model.instruments import Gauge, PassiveProbe, Probe
 from calib_model.measurement import ProbingSet
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
-from calib_solver.report.html import counted, mm, two_digits
+from calib_solver.report.html import counted, mm, paragraph, part, table, two_digits
 from calib_solver.results import reading_times, scale_words
 
 PACKAGES = ('calib_solver', 'calib_model', 'numpy', 'mcap')
@@ -132,6 +132,13 @@ def certificate_rows(gauge: Gauge) -> dict[str, list[Any]]:
 def file_rows(given: Inputs) -> list[list[str]]:
     """Every input file with its SHA-256."""
     return [[use, str(file), _sha256(file)] for use, file in given.files()]
+
+
+def inputs(files: list[list[str]], used: list[str]) -> str:
+    """The rows of `file_rows`, and the versions that it was computed with."""
+    header = ['use', 'file', 'SHA-256']
+    listed = table('', header, files, styles={1: 'mono', 2: 'mono'})
+    return part('Files') + listed + paragraph(f'Computed with {", ".join(used)}.', 'faint')
 
 
 def _sha256(path: Path) -> str:

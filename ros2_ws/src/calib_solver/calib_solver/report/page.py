@@ -6,7 +6,6 @@ from __future__ import annotations
 from typing import Any
 
 from calib_model.errors import CalibrationError
-from calib_solver.report.corrections import beyond
 from calib_solver.report.cover import SHOWN, cover, day
 from calib_solver.report.evidence import charts_of
 from calib_solver.report.html import (
@@ -20,7 +19,8 @@ from calib_solver.report.html import (
     table,
     warnings_box,
 )
-from calib_solver.report.parameters import mount, parameters, repetitions
+from calib_solver.report.instruments import inputs
+from calib_solver.report.parameters import beyond, mount, parameters, repetitions
 from calib_solver.report.quality import (
     Columns,
     full_quality,
@@ -95,13 +95,10 @@ def _annex(record: Record, evidence: dict[str, Any]) -> list[str]:
 
 def _inputs(evidence: dict[str, Any]) -> tuple[str, ...]:
     certificate = evidence['certificate']
-    files = table('', ['use', 'file', 'SHA-256'], evidence['files'], styles={1: 'mono', 2: 'mono'})
     return (
         part('Certificate of the gauge'),
         table('', certificate['header'], certificate['rows'], range(1, 6)),
-        part('Files'),
-        files,
-        paragraph(f'Computed with {", ".join(evidence["versions"])}.', 'faint'),
+        inputs(evidence['files'], evidence['versions']),
     )
 
 

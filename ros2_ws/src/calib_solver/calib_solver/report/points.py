@@ -24,7 +24,7 @@ from calib_solver.report.html import (
     table,
     warnings_box,
 )
-from calib_solver.report.instruments import Inputs, inputs
+from calib_solver.report.instruments import Inputs, file_rows, inputs, versions
 from calib_solver.report.parameters import parameters
 from calib_solver.report.residuals import by_joint, solver
 from calib_solver.results import Record, left_out_words
@@ -65,7 +65,7 @@ def point_report_html(
             _rejected(record),
         ),
         section('How it was computed', solver(record), side_by_side([convergence_of(done.fit)])),
-        section('Inputs and versions', inputs(given)),
+        section('Inputs and versions', inputs(file_rows(given), versions())),
     ]
     return document(title, sections)
 
