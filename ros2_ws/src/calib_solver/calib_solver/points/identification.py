@@ -64,6 +64,8 @@ SETTLED = 1e-4
 MOST_ROUNDS = 8
 #: rad and m, below which residuals say nothing of the weight of rotations
 LEAST_NOISE = 1e-11
+#: m, below which what was left out is met
+LEAST_MISS = 1e-10
 OBJECTIVE = 'position'
 
 
@@ -396,7 +398,7 @@ def _covariance(
 
 def _left_out_lines(left_out: LeftOut | None) -> tuple[str, ...]:
     """A line where points left out were missed by more than was stated."""
-    if left_out is None or left_out.factor == 1:
+    if left_out is None or left_out.factor == 1 or left_out.position.rms < LEAST_MISS:
         return ()
     position = left_out.position
     part = 'stations' if left_out.by == 'station' else 'postures'

@@ -30,6 +30,8 @@ WORDS = {
 }
 #: the flange itself: targets are placed beside the table of the arm's parameters
 FLANGE = PassiveProbe('flange', RigidTransform())
+#: a target somewhere: what points can tell is asked of a place that is no special one (m)
+ANYWHERE = PassiveProbe('target', RigidTransform(np.array([0.13, 0.07, 0.19])))
 
 
 @dataclass(frozen=True)
@@ -187,18 +189,19 @@ def points_table(arm: Arm, fix: Sequence[str] = (), free: Sequence[str] = ()) ->
     Raises:
         DataError: a pattern matches no parameter.
     """
-    table = identifiable_table(arm, FLANGE, fix, free)
+    table = identifiable_table(arm, ANYWHERE, fix, free)
     reason = 'the place of each target is found beside the parameters'
     table = table.frozen_at(table.matching('probe_*'), reason)
-    return replace(table, parameters=tuple(map(_in_words_of_points, table.parameters)))
+    return replace(table, parameters=tuple(map(_of_the_flange, table.parameters)))
 
 
-def _in_words_of_points(parameter: Parameter) -> Parameter:
-    """Why a parameter is held, where nothing is probed."""
+def _of_the_flange(parameter: Parameter) -> Parameter:
+    """With the probe's place that of the flange itself, and why it is held in words of points."""
     reason = parameter.reason
     for probing, tracking in WORDS.items():
         reason = reason.replace(probing, tracking)
-    return replace(parameter, reason=reason)
+    nominal = 0.0 if parameter.kind.startswith('probe_') else parameter.nominal
+    return replace(parameter, reason=reason, nominal=nominal)
 
 
 def _sorted(names: set[str]) -> list[str]:
