@@ -13,7 +13,7 @@ ifdef PYTHON
 export PYTHON
 endif
 
-.PHONY: setup demo wheel unit test lint audit pin bench soak studies clean
+.PHONY: setup demo wheel docs unit test lint audit pin bench soak studies clean
 
 setup:
 	@tools/setup.sh
@@ -54,12 +54,23 @@ pin:
 	@tools/setup.sh --dev
 	@source ./env.bash && export UV_CUSTOM_COMPILE_COMMAND='make pin' && \
 	$(PIN) $(UPGRADE) requirements.in -o requirements.txt && \
-	$(PIN) $(UPGRADE) requirements-dev.in -o requirements-dev.txt
+	$(PIN) $(UPGRADE) requirements-dev.in -o requirements-dev.txt && \
+	$(PIN) $(UPGRADE) requirements-docs.in -o requirements-docs.txt
 
 # The suite without ROS, into dist/, for each suited interpreter that is at hand.
 wheel:
 	@tools/setup.sh --dev
 	@tools/wheel.sh
+
+# The site, read from output/docs/index.html without a network. What builds it is in a virtual
+# environment of its own.
+docs:
+	@tools/setup.sh --dev
+	@[ -d .venv-docs ] || .venv/bin/uv venv --quiet --python .venv/bin/python .venv-docs
+	@env $$(.venv/bin/python -m pip config list | .venv/bin/python tools/uv_settings.py) \
+	  .venv/bin/uv pip install --quiet --python .venv-docs/bin/python --no-deps --require-hashes \
+	  -r requirements-docs.txt
+	@NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs --quiet build --strict && echo output/docs/index.html
 
 # A file of tests at a time on each worker: what they share is set up once, graphs keep apart.
 test: lint
@@ -94,6 +105,6 @@ studies: setup
 	for name in $(TWO_CORES); do python -m studies.$$name || exit 1; done
 
 clean:
-	rm -rf .venv build dist ros2_ws/build ros2_ws/install ros2_ws/log output
+	rm -rf .venv .venv-docs build dist ros2_ws/build ros2_ws/install ros2_ws/log output
 	find ros2_ws/src -name '*.so' -delete
 	find ros2_ws/src -name '*.egg-info' -prune -exec rm -rf {} +

@@ -28,6 +28,7 @@ SHELL = ('', 'bash', 'sh', 'console')
 #: what a line of a shell begins with; blocks that begin otherwise are tables and drawings
 WORDS = {
     'ros2',
+    'calib',
     'make',
     'source',
     'python',
@@ -64,6 +65,7 @@ DATA = (
     'benchmarks',
     'tests',
     'requirements.txt',
+    'examples',
 )
 
 

@@ -41,6 +41,7 @@ ELSEWHERE = {
     r'ros2 bag record': ('needs a full ROS 2 install', 'test_raw_bags.py'),
     r'rviz2': ('needs a full ROS 2 install and a screen', 'test_launch_files.py'),
     r'colcon build|rosdep ': ('every set-up builds', 'test_setup.py'),
+    r"pip install '?\.": ('a wheel is built once', 'test_wheel.py'),
     r'(python3? -m )?pip install|git clone': ('every set-up installs', 'test_setup.py'),
     r'python -m studies\.': ('takes minutes', 'test_studies.py'),
     r'dask ': ('a cluster', '../ros2_ws/src/calib_solver/test/resampling/test_cluster.py'),
@@ -64,7 +65,7 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(240)]
 
 
 @pytest.fixture(scope='module')
-def environment() -> dict[str, str]:
+def environment(tmp_path_factory) -> dict[str, str]:
     """What a shell that has sourced env.bash passes on, in a domain of this run's own."""
     listing = subprocess.run(
         ['bash', '-c', f'source {ROOT}/env.bash && env -0'],
@@ -73,7 +74,12 @@ def environment() -> dict[str, str]:
         text=True,
     )
     variables = dict(entry.split('=', 1) for entry in listing.stdout.split('\0') if entry)
+    # what `pip install .` puts on the path
+    calib = tmp_path_factory.mktemp('bin') / 'calib'
+    calib.write_text('#!/bin/sh\nexec python -m calib_model.commands.calib "$@"\n')
+    calib.chmod(0o755)
     return variables | {
+        'PATH': f'{calib.parent}:{variables["PATH"]}',
         'ROS_DOMAIN_ID': str(held_domain()),
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         'PYTHONUNBUFFERED': '1',
