@@ -37,12 +37,7 @@ def report_anew(
     known = read_description(info, parse_info) if info else Info()
     path = Path(folder)
     refuse_mixture(path)
-    record = _read(path / RECORD)
-    if 'stations' in record:
-        raise CalibrationError(
-            f'{folder}: a calibration by measured points: its report is the one identify wrote'
-        )
-    evidence = _read(path / report.EVIDENCE)
+    record, evidence = (_read(path / name) for name in (RECORD, report.EVIDENCE))
     page = report.report_html(record, evidence, known)
     texts = {'report.html': page.encode('utf-8', 'backslashreplace')}
     if pdf:

@@ -145,7 +145,9 @@ def calibrate_points(
         more['robot.urdf'] = compensation.corrected_urdf(own, measured.arm, done.arm, urdf)
     if output:
         given = report.Inputs(sources.bags, tuple(test), _given(sources))
-        page = report.point_report_html(done, record, given, held_out)
+        evidence = report.point_evidence_of(done, given, held_out)
+        more[report.EVIDENCE] = report.evidence_text(evidence).encode()
+        page = report.report_html(record, evidence)
         written = write_results(output, done, record, page, more)
     return PointCalibration(done, held_out, record, tuple(written))
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import sqrt
 
 from calib_model.errors import LONGEST_LINE
 from calib_solver.calibration.calibration import Calibration
@@ -161,7 +162,7 @@ def sure_lines(record: Record) -> list[str]:
     lines.append(f'standard uncertainty of a position over the workspace: {sure * 1e3:.4f} mm rms')
     noise = f'a pose scatters by {checks["noise"] * 1e3:.4f} mm per coordinate'
     if checks['misfit'] > 1:
-        noise += f', locations {checks["misfit"]:.3g} times more than that explains'
+        noise += f', locations {sqrt(checks["misfit"]):.2g} times as much as that explains'
     return [*lines, noise]
 
 

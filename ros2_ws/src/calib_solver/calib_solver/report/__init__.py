@@ -43,7 +43,7 @@ if TYPE_CHECKING:
         save_figures as save_figures,
     )
     from calib_solver.report.points import (
-        point_report_html as point_report_html,
+        point_evidence_of as point_evidence_of,
     )
 else:
     __getattr__, __dir__, __all__ = lazily(__name__, __file__)

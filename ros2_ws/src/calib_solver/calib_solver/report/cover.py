@@ -9,8 +9,11 @@ from markupsafe import Markup
 
 from calib_solver.report.evidence import charts_of
 from calib_solver.report.html import (
+    DEGREE,
+    counted,
     facts,
     mm,
+    number,
     rendered,
     side_by_side,
     table,
@@ -18,7 +21,7 @@ from calib_solver.report.html import (
     warnings_box,
 )
 from calib_solver.report.residuals import warnings
-from calib_solver.results import Info, Judged, Record, judge
+from calib_solver.results import LEFT_OUT_WORDS, Info, Judged, Record, judge
 
 #: of three coordinates alike 95 % are within so many times their rms together
 COVERAGE = 1.614
@@ -29,7 +32,7 @@ SHOWN = 3
 def cover(record: Record, evidence: dict[str, Any], info: Info) -> str:
     """The first page; `evidence` is what `evidence_of` says."""
     judged = judge(info.limits, judged_quality(record), record['arm']) if info.limits else []
-    shown = charts_of(evidence, 'quality')[:1]
+    shown = charts_of(evidence, 'residuals' if 'stations' in record else 'quality')[:1]
     return rendered(
         'cover',
         number=info.number,
@@ -62,29 +65,38 @@ def _marks(record: Record, evidence: dict[str, Any]) -> list[str]:
     if evidence['simulated']:
         lines.append('Simulated: no real arm was measured.')
     if record['quality']['test'] is None:
-        lines.append('Nothing was held out: the figures are those of the poses it was made from.')
+        lines.append(
+            f'Nothing was held out: the figures are those of the {_taken(record)} it was made from.'
+        )
     return lines
 
 
 def _facts(record: Record, evidence: dict[str, Any], info: Info) -> list[tuple[str, str]]:
     readings = record.get('readings') or {'first': None, 'last': None}
-    scale = record['diagnostics']['scale']
+    scale, used = record['diagnostics']['scale'], _instruments(record, evidence)
     warmth = info.temperature if info.temperature is not None else (scale or {}).get('temperature')
     rows = [
         ('Readings', days(readings) or 'no date'),
         ('Report', day(evidence['made'])),
-        ('Arm', _with_serial(record['arm'], info, 'arm')),
-        ('Probe', _with_serial(evidence['probe'], info, 'probe')),
-        ('Gauge', _with_serial(evidence['gauge'], info, 'gauge')),
+        *((of.capitalize(), _with_serial(name, info, of)) for of, name in used.items()),
         ('Temperature', 'not recorded' if warmth is None else f'{warmth:g} °C'),
         ('Operator', info.operator or 'not recorded'),
     ]
-    others = [(name, text) for name, text in info.serials.items() if name not in INSTRUMENTS]
-    rows[5:5] = [(name, f'serial {text}') for name, text in others]
+    others = [(name, text) for name, text in info.serials.items() if name not in used]
+    rows[2 + len(used) : 2 + len(used)] = [(name, f'serial {text}') for name, text in others]
     return [*rows, ('Organisation', info.organisation)] if info.organisation else rows
 
 
-INSTRUMENTS = ('arm', 'probe', 'gauge')
+def _instruments(record: Record, evidence: dict[str, Any]) -> dict[str, str]:
+    """What each is called."""
+    if 'stations' not in record:
+        return {'arm': record['arm'], 'probe': evidence['probe'], 'gauge': evidence['gauge']}
+    targets, stations = (counted(evidence[f'{of}s'], of) for of in ('target', 'station'))
+    return {'arm': record['arm'], 'target': targets, 'tracker': stations}
+
+
+def _taken(record: Record) -> str:
+    return 'points' if 'stations' in record else 'poses'
 
 
 def _with_serial(name: str, info: Info, of: str) -> str:
@@ -107,7 +119,9 @@ def _verdict(judged: list[Judged], record: Record) -> str:
     if not judged:
         return ''
     kept = sum(one.passed for one in judged)
-    by = 'held-out poses' if record['quality']['test'] is not None else 'the poses it was made from'
+    taken = _taken(record)
+    held_out = record['quality']['test'] is not None
+    by = f'held-out {taken}' if held_out else f'the {taken} it was made from'
     word = 'Passed' if kept == len(judged) else 'Failed'
     return f'{word}: {kept} of {len(judged)} limits kept, judged on {by}.'
 
@@ -128,14 +142,16 @@ def _figures(record: Record) -> list[dict[str, str]]:
         expected = {'value': 'not judged', 'more': 'nothing was left out in turn'}
     else:
         size = max(left_out['position']['rms'], left_out['position']['stated'])
-        place = 'place' if left_out['by'] == 'location' else 'posture'
+        where = LEFT_OUT_WORDS[left_out['by']][0]
         expected = {
             'value': f'{two_digits(COVERAGE * size)} mm',
-            'more': f'95 % of positions, {COVERAGE:.2f} times {mm(size)} mm rms, at a {place} '
-            'never probed',
+            'more': f'95 % of positions, {COVERAGE:.2f} times {mm(size)} mm rms, {where}',
         }
+    expected = {'label': 'Expected error', **expected}
+    if 'stations' in record:
+        return [expected, *_point_figures(quality, held)]
     return [
-        {'label': 'Expected error', **expected},
+        expected,
         {
             'label': f'Distances, {held}',
             'value': f'{mm(quality["distance"]["max"])} mm',
@@ -147,3 +163,20 @@ def _figures(record: Record) -> list[dict[str, str]]:
             'more': f'largest of a coordinate; mean {mm(quality["two_sigma"]["mean"])} mm',
         },
     ]
+
+
+def _point_figures(quality: Record, held: str) -> list[dict[str, str]]:
+    """The figures of measured points: how far off, and how far turned where that was measured."""
+    found = [
+        {
+            'label': f'Positions, {held}',
+            'value': f'{mm(quality["position"]["max"])} mm',
+            'more': f'largest error; rms {mm(quality["position"]["rms"])} mm',
+        }
+    ]
+    turned = quality['orientation']
+    if turned is not None:
+        largest, rms = (number(turned[key] * DEGREE, 4) for key in ('max', 'rms'))
+        more = f'largest error; rms {rms} °'
+        found.append({'label': f'Orientations, {held}', 'value': f'{largest} °', 'more': more})
+    return found

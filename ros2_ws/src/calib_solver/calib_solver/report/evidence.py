@@ -32,7 +32,7 @@ from calib_solver.report.instruments import (
 )
 from calib_solver.report.workspace import workspace_charts
 
-EVIDENCE = 'report.json'
+EVIDENCE, SCHEMA = 'report.json', 1
 #: digits of what is drawn, which a screen has not
 DIGITS = 6
 
@@ -43,8 +43,8 @@ def evidence_of(
     """The content of `report.json`."""
     measured = done.problem.measured
     return {
-        'schema': 1,
-        'made': datetime.now(timezone.utc).isoformat('T', 'seconds'),
+        'schema': SCHEMA,
+        'made': now(),
         'poses': len(done.problem.joints),
         'spheres': len(done.problem.keys),
         'locations': len(done.problem.locations),
@@ -56,13 +56,18 @@ def evidence_of(
         'files': file_rows(given),
         'versions': versions(),
         'charts': {
-            'quality': _records(quality_charts(done, held_out)),
-            'residuals': _records(residual_charts(done, held_out)),
-            'joints': _records(joint_charts(done)),
-            'workspace': _records(workspace_charts(done, held_out)),
-            'convergence': _records([convergence_chart(done)]),
+            'quality': chart_records(quality_charts(done, held_out)),
+            'residuals': chart_records(residual_charts(done, held_out)),
+            'joints': chart_records(joint_charts(done)),
+            'workspace': chart_records(workspace_charts(done, held_out)),
+            'convergence': chart_records([convergence_chart(done)]),
         },
     }
+
+
+def now() -> str:
+    """When a report is made, ISO 8601 in UTC."""
+    return datetime.now(timezone.utc).isoformat('T', 'seconds')
 
 
 def evidence_text(evidence: dict[str, Any]) -> str:
@@ -79,7 +84,8 @@ def charts_of(evidence: dict[str, Any], group: str) -> list[Chart]:
     return [_chart(record) for record in evidence['charts'][group]]
 
 
-def _records(charts: list[Chart]) -> list[dict[str, Any]]:
+def chart_records(charts: list[Chart]) -> list[dict[str, Any]]:
+    """Charts as `report.json` has them."""
     return [
         {**asdict(replace(chart, series=())), 'series': [_series(one) for one in chart.series]}
         for chart in charts

@@ -21,6 +21,7 @@ from calib_solver.report.html import (
 )
 from calib_solver.report.instruments import inputs
 from calib_solver.report.parameters import beyond, mount, parameters, repetitions
+from calib_solver.report.points import point_annex
 from calib_solver.report.quality import (
     Columns,
     full_quality,
@@ -48,7 +49,8 @@ def report_html(record: Record, evidence: dict[str, Any], info: Info | None = No
         CalibrationError: the record or the evidence is not what `identify` writes.
     """
     try:
-        sections = [cover(record, evidence, info or Info()), *_annex(record, evidence)]
+        annex = point_annex if 'stations' in record else _annex
+        sections = [cover(record, evidence, info or Info()), *annex(record, evidence)]
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise CalibrationError(f'report: not what identify writes: {error!r}') from error
     return document(f'Kinematic calibration of {record["arm"]}', sections)

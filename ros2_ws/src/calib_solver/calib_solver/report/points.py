@@ -1,32 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`report.html` of a calibration by measured points: in the words of a tracker."""
+"""The report of a calibration by measured points: in the words of a tracker."""
 
 from __future__ import annotations
 
-from datetime import datetime, timezone
+from typing import Any
 
 from calib_model.arrays import Array
 from calib_solver.points import HeldOutPoints, PointIdentification
 from calib_solver.report.charts import Chart, Series
+from calib_solver.report.cover import SHOWN, day
+from calib_solver.report.evidence import SCHEMA, chart_records, charts_of, now
 from calib_solver.report.figures import convergence_of, thinned
 from calib_solver.report.html import (
     DEGREE,
     MM,
     NOTHING,
     counted,
-    document,
-    heading,
     mm,
     paragraph,
     part,
     section,
     side_by_side,
     table,
+    two_digits,
     warnings_box,
 )
 from calib_solver.report.instruments import Inputs, file_rows, inputs, versions
 from calib_solver.report.parameters import parameters
-from calib_solver.report.residuals import by_joint, solver
+from calib_solver.report.residuals import by_joint, solver, warnings
 from calib_solver.results import Record, left_out_words
 
 SHOWN_REJECTED = 50
@@ -38,55 +39,62 @@ COLUMNS = {
 }
 
 
-def point_report_html(
-    done: PointIdentification, record: Record, given: Inputs, held_out: HeldOutPoints | None = None
-) -> str:
-    """The page; every number in its tables is one of `record`, the content of result.json."""
-    title = f'Kinematic calibration of {record["arm"]}'
+def point_evidence_of(
+    done: PointIdentification, given: Inputs, held_out: HeldOutPoints | None = None
+) -> dict[str, Any]:
+    """The content of `report.json`."""
+    problem = done.problem
+    return {
+        'schema': SCHEMA,
+        'made': now(),
+        'points': len(problem),
+        'targets': len(problem.targets),
+        'stations': len(problem.stations),
+        'simulated': False,
+        'files': file_rows(given),
+        'versions': versions(),
+        'charts': {
+            'residuals': chart_records(_clouds(done, held_out)),
+            'convergence': chart_records([convergence_of(done.fit)]),
+        },
+    }
+
+
+def point_annex(record: Record, evidence: dict[str, Any]) -> list[str]:
+    """All that is behind the first page."""
     left_out = record['quality']['left_out']
     words = left_out_words(left_out) if left_out is not None else ''
-    sections = [
-        '<header><p class="kind">Calibration report</p>',
-        heading(title),
-        paragraph(_lead(done), 'faint'),
+    return [
+        paragraph(_lead(evidence), 'faint'),
         paragraph(f'{words[0].upper()}{words[1:]}.', 'judged') if words else '',
-        '</header>',
-        warnings_box(_warnings(record)),
+        warnings_box(warnings(record)[SHOWN:]),
         section('In short', _quality(record), _sure(record)),
         section('Targets and stations', _targets(record), _stations(record)),
         section('Parameters', parameters(record)),
         section(
             'Residuals',
             paragraph('Predicted less measured, in the arm base frame.'),
-            side_by_side(_clouds(done, held_out), 'three'),
+            side_by_side(charts_of(evidence, 'residuals'), 'three'),
             _by(record, 'station'),
             _by(record, 'target'),
             by_joint(record),
             _rejected(record),
         ),
-        section('How it was computed', solver(record), side_by_side([convergence_of(done.fit)])),
-        section('Inputs and versions', inputs(file_rows(given), versions())),
+        section(
+            'How it was computed',
+            solver(record),
+            side_by_side(charts_of(evidence, 'convergence')),
+        ),
+        section('Inputs and versions', inputs(evidence['files'], evidence['versions'])),
     ]
-    return document(title, sections)
 
 
-def _lead(done: PointIdentification) -> str:
-    problem = done.problem
+def _lead(evidence: dict[str, Any]) -> str:
     return (
-        f'{counted(len(problem), "point")} of {counted(len(problem.targets), "target")} on the '
-        f'flange, measured from {counted(len(problem.stations), "station")}; identified by '
-        f'positions (eq. 10). Report made {datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC.'
+        f'{counted(evidence["points"], "point")} of {counted(evidence["targets"], "target")} on '
+        f'the flange, measured from {counted(evidence["stations"], "station")}; identified by '
+        f'positions (eq. 10). Report made {day(evidence["made"])}.'
     )
-
-
-def _warnings(record: Record) -> list[str]:
-    lines = list(record['warnings'])
-    if not record['solver']['converged']:
-        lines.insert(0, f'Not converged: {record["solver"]["reason"]}')
-    if record['rejected']:
-        count = counted(len(record['rejected']), 'point')
-        lines.append(f'{count} left out as gross errors, listed under Residuals.')
-    return lines
 
 
 def _quality(record: Record) -> str:
@@ -112,8 +120,8 @@ def _sure(record: Record) -> str:
     checks = record['diagnostics']
     text = (
         'Standard uncertainty of a position of the first target over the workspace: '
-        f'{mm(checks["position_uncertainty_rms"])} mm rms, '
-        f'{mm(checks["position_uncertainty_max"])} mm at most. One point scatters by '
+        f'{two_digits(checks["position_uncertainty_rms"])} mm rms, '
+        f'{two_digits(checks["position_uncertainty_max"])} mm at most. One point scatters by '
         f'{mm(checks["noise"])} mm (standard deviation per coordinate)'
     )
     if checks['orientation_noise'] is not None:
@@ -128,7 +136,7 @@ def _targets(record: Record) -> str:
             one['target'],
             str(one['points']),
             *(mm(value) for value in one['translation']),
-            mm(max(one['standard_uncertainty'])),
+            two_digits(max(one['standard_uncertainty'])),
             _vector(one['rotation_vector']),
         ]
         for one in record['targets']
@@ -143,7 +151,7 @@ def _stations(record: Record) -> str:
             str(one['station']),
             str(one['points']),
             *(mm(value) for value in one['translation']),
-            mm(max(one['standard_uncertainty'])),
+            two_digits(max(one['standard_uncertainty'])),
             _vector(one['rotation_vector']),
         ]
         for one in record['stations']

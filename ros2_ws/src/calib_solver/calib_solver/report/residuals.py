@@ -3,11 +3,14 @@
 
 from __future__ import annotations
 
+from math import sqrt
+
 from calib_solver.report.html import counted, mm, paragraph, part, table, two_digits
 from calib_solver.results import Record, prior_words
 
-#: a misfit from which on the arm is doubted: twice the scatter, squared. Below it stands beside the
-#: noise, and in the uncertainties: poses that are no strangers to one another are enough for it
+#: a misfit (of variance) from which on the arm is doubted: twice the scatter. A smaller one stands
+#: beside the noise and is in the uncertainties, but near its own threshold it comes and goes with
+#: the last digits, which no verdict may
 DOUBTED = 4.0
 SHOWN_REJECTED = 50
 OBJECTIVES = {
@@ -23,8 +26,9 @@ def warnings(record: Record) -> list[str]:
     if not record['solver']['converged']:
         lines.insert(0, f'Not converged: {record["solver"]["reason"]}')
     if record['rejected']:
+        what = 'point' if 'stations' in record else 'pose'
         lines.append(
-            f'{counted(len(record["rejected"]), "pose")} left out as gross errors, listed under '
+            f'{counted(len(record["rejected"]), what)} left out as gross errors, listed under '
             'Residuals.'
         )
     unseen = [p['name'] for p in record['parameters'] if p['free'] and not p['identifiable']]
@@ -32,8 +36,8 @@ def warnings(record: Record) -> list[str]:
         lines.append('Not told by these poses, kept near nominal: ' + ', '.join(unseen))
     if record['diagnostics']['misfit'] > DOUBTED:
         lines.append(
-            f'The locations scatter {record["diagnostics"]["misfit"]:.2f} times more than the '
-            'noise explains: the arm has errors that its parameters cannot say. The stated '
+            f'The locations scatter {sqrt(record["diagnostics"]["misfit"]):.2g} times as much as '
+            'the noise explains: the arm has errors that its parameters cannot say. The stated '
             'uncertainties are enlarged accordingly.'
         )
     return lines
@@ -87,7 +91,11 @@ def sure(record: Record) -> str:
     """How sure a position is, and how far one pose scatters."""
     checks = record['diagnostics']
     misfit = checks['misfit']
-    more = f'; locations scatter {misfit:.3g} times more than that explains' if misfit > 1 else ''
+    more = (
+        f'; locations scatter {sqrt(misfit):.2g} times as much as that explains'
+        if misfit > 1
+        else ''
+    )
     return paragraph(
         'Standard uncertainty of a position over the workspace: '
         f'{two_digits(checks["position_uncertainty_rms"])} mm rms, '

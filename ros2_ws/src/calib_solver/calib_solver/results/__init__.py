@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         point_result_record as point_result_record,
     )
     from calib_solver.results.quality import (
+        LEFT_OUT_WORDS as LEFT_OUT_WORDS,
         Record as Record,
         left_out_words as left_out_words,
         quality_record as quality_record,

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from simulated_points import tracked
 from calib_model.bags import cdr, write_measurement, write_points
 from calib_model.bags.points import _quickly, _row_of
 from calib_model.topics import MEASURED_POINT
-from calib_solver.commands import compensate, evaluate, identify
+from calib_solver.commands import compensate, evaluate, identify, report
 
 
 @pytest.fixture(scope='module')
@@ -57,6 +58,24 @@ def test_the_report_speaks_of_targets_and_stations(output: Path) -> None:
         assert words in page
     for words in ('sphere', 'gauge', 'certificate'):
         assert words not in page.lower().partition('inputs and versions')[0]
+
+
+def test_the_report_is_made_anew_with_what_is_known_of_the_tracker(
+    output: Path, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(output, tmp_path / 'signed')
+    info = tmp_path / 'info.yaml'
+    info.write_text('number: T-4\nserials: {tracker: "99"}\nlimits: {position_max: 1.0e-6}\n')
+    assert report.main([str(folder), '--info', str(info)]) == 0
+    page = (folder / 'report.html').read_text()
+    largest = json.loads((folder / 'result.json').read_text())['quality']['test']['position']['max']
+    for words in (
+        'Calibration report T-4',
+        '2 stations, serial 99',
+        'Failed: 0 of 1 limits kept, judged on held-out points.',
+        f'<b>{1e3 * largest:.4f} mm</b>',
+    ):
+        assert words in page
 
 
 def test_evaluate_takes_points(bags, output: Path, capsys) -> None:
