@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import yaml
@@ -11,21 +12,27 @@ from calib_model.errors import DescriptionError
 
 LARGEST_TEXT = 200_000  # characters; PyYAML takes seconds for that many
 DEEPEST = 1000  # levels that the loader in C may go down: some hundred kilobytes of its stack
+_OTHERWISE = re.compile(r'[-+]?(?:0[0-9_]+|(?P<sixty>[0-9][0-9_]*(?::[0-5]?[0-9])+(?:\.[0-9_]*)?))')
 LONGEST_VALUE = 10_000  # characters: some are numbers, and cost the square of it
 
 
-def load_plain(text: str, source: str, largest: int = LARGEST_TEXT) -> Any:
+def load_plain(text: str, source: str, largest: int = LARGEST_TEXT, as_meant: bool = False) -> Any:
     """The content of a YAML text of `largest` characters at most: mappings, lists and scalars.
+
+    With `as_meant` numbers are refused that YAML reads in another way than people do: 022, which
+    is 18, and 1:30, which is 90.
 
     Raises:
         DescriptionError: not YAML, too large, nested too deep, a key that is there twice, or it
-            uses aliases or tags.
+            uses aliases or tags; or such a number.
     """
     if len(text) > largest or (len(text) > LARGEST_TEXT and not _shallow(text)):
         raise DescriptionError(source, '', f'larger than {largest} characters')
     try:
         _refuse_aliases_and_tags(text, source)
-        return _load(text)
+        return _load(text, _LoaderAsMeant if as_meant else _Loader)
+    except _NotAsMeantError as error:
+        raise DescriptionError(source, f'line {error.line}', str(error)) from None
     except yaml.YAMLError as error:
         mark = getattr(error, 'problem_mark', None)
         where = f'line {mark.line + 1}' if mark is not None else ''
@@ -77,11 +84,34 @@ class _Loader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def _load(text: str) -> Any:
+class _NotAsMeantError(Exception):
+    """A number that YAML reads otherwise than people; in `line`."""
+
+    def __init__(self, problem: str, line: int) -> None:
+        super().__init__(problem)
+        self.line = line
+
+
+class _LoaderAsMeant(_Loader):
+    """Refuses plain scalars that are numbers in base 8 or 60 to YAML, and those that begin with a
+    zero like these: 089 would be text."""
+
+    def construct_scalar(self, node: Any) -> Any:
+        if not node.style and (found := _OTHERWISE.fullmatch(node.value)):
+            why = 'counts in 60s' if found['sixty'] else 'counts in 8s after a leading zero'
+            problem = (
+                f'{node.value[:40]} is read as people do not, as YAML {why}: write the number '
+                'in full, or text in quotes'
+            )
+            raise _NotAsMeantError(problem, node.start_mark.line + 1)
+        return super().construct_scalar(node)
+
+
+def _load(text: str, kind: type[_Loader]) -> Any:
     """The text parsed in C where PyYAML has that, ten times as fast, and where its nesting leaves
-    the stack alone; what becomes of the nodes is `_Loader`'s in either case."""
+    the stack alone; what becomes of the nodes is that of `kind` in either case."""
     if not _shallow(text) or not yaml.__with_libyaml__:
-        return yaml.load(text, _Loader)
+        return yaml.load(text, kind)
     node = yaml.compose(text, yaml.CSafeLoader)
-    loader = _Loader('')
+    loader = kind('')
     return None if node is None else loader.construct_document(node)

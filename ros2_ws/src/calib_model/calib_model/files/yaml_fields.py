@@ -19,9 +19,10 @@ def load_mapping(text: str, source: str, keys: tuple[str, ...]) -> Fields:
 
     Raises:
         DescriptionError: not YAML, not a mapping, too large, a key that is there twice, it uses
-            aliases or tags, or it has none of the keys: the file of something else.
+            aliases or tags, it has a number that people read otherwise than YAML, or none of the
+            keys: the file of something else.
     """
-    found = Fields(load_plain(text, source), source, '', keys)
+    found = Fields(load_plain(text, source, as_meant=True), source, '', keys)
     if found.content and not any(key in found for key in keys):
         some = ', '.join(map(str, list(found.content)[:3]))
         raise DescriptionError(source, '', f'expected {", ".join(keys)}, got {some}: another file?')
