@@ -3,17 +3,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from calib_model.descriptions import probe_yaml
 from calib_model.errors import DataError
 from calib_model.measurement import Measurement
+from calib_model.transforms import RigidTransform
 from calib_solver.identification import Identification
 from calib_solver.problem import Problem
 from calib_solver.quality import Quality, assess
 
 
 def refuse_other_instruments(measured: Measurement, first: Measurement) -> None:
-    """Nothing, when both were measured with one arm and one kind of probe.
+    """Nothing, when both were measured with one arm and one probe, wherever it was mounted.
 
     Raises:
         DataError: they were not.
@@ -25,6 +27,30 @@ def refuse_other_instruments(measured: Measurement, first: Measurement) -> None:
             f'{measured.source}: {measured.probe.kind} probe, '
             f'but {first.source} is {first.probe.kind}'
         )
+    refuse_other_probe(
+        replace(measured, probe=measured.probe.mounted(RigidTransform())),
+        replace(first, probe=first.probe.mounted(RigidTransform())),
+    )
+
+
+def refuse_other_probe(measured: Measurement, first: Measurement, remedy: str = '') -> None:
+    """Nothing, when the probe of both is described alike: two probes have two places on the flange.
+    `remedy` ends the message.
+
+    Raises:
+        DataError: it is not; names the bag and both probes.
+    """
+    if probe_yaml(measured.probe) == probe_yaml(first.probe):
+        return
+    if measured.probe.name == first.probe.name:
+        raise DataError(
+            f'{measured.source}: the probe {first.probe.name} is described in another way than in '
+            f'{first.source}{remedy}'
+        )
+    raise DataError(
+        f'{measured.source}: another probe, {measured.probe.name}, than in {first.source}, '
+        f'{first.probe.name}{remedy}'
+    )
 
 
 @dataclass(frozen=True)

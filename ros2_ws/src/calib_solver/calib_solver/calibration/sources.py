@@ -21,7 +21,6 @@ from calib_model.descriptions import (
     parse_arm,
     parse_gauge,
     parse_probe,
-    probe_yaml,
     read_description,
 )
 from calib_model.errors import DataError
@@ -32,7 +31,7 @@ from calib_model.measurement import Measurement, ProbingSet
 from calib_model.progress import Pace, Progress
 from calib_solver.calibration.duplicate_poses import find_duplicates
 from calib_solver.calibration.labelled_bags import Part, RawSpheres, read_part
-from calib_solver.held_out import refuse_other_instruments
+from calib_solver.held_out import refuse_other_instruments, refuse_other_probe
 from calib_solver.problem import Problem
 from calib_solver.quality import ProbedSpheres, assess
 
@@ -176,13 +175,9 @@ def _joined(parts: Sequence[Measurement]) -> tuple[Measurement, list[int]]:
     shifts: list[int] = []
     for part in parts:
         refuse_other_instruments(part, first)
+        refuse_other_probe(part, first, '; --probe names one for all')
         if not np.array_equal(part.arm.geometry, first.arm.geometry):
             raise DataError(f'{part.source}: other nominal parameters than in {first.source}')
-        if probe_yaml(part.probe) != probe_yaml(first.probe):
-            raise DataError(
-                f'{part.source}: another probe, or elsewhere on the flange, than in '
-                f'{first.source}; --probe names one for all'
-            )
         if part.gauge != first.gauge:
             raise DataError(f'{part.source}: another gauge than in {first.source}')
         own = set(map(int, part.poses.location))
