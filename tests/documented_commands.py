@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
+from seated_recordings import Recording
 
 from calib_capture.commands.import_csv import import_csv
 from calib_model.bags import cdr, read_messages
@@ -147,6 +148,7 @@ def furnish(folder: Path) -> None:
     raw_bag(ROOT / 'bags/demo/identification', folder / 'my_bag')
     raw_bag(ROOT / 'bags/demo/held_out', folder / 'my_held_out')
     seated_tables(folder)
+    seated_bags(folder)
     tracker_tables(folder)
     for name in ('raised_left', 'left_back'):  # of the three, README imports only the first
         import_csv(
@@ -188,6 +190,19 @@ def tracker_tables(folder: Path) -> None:
         head = ','.join([*(f'q{i + 1}' for i in range(arm.n)), 'x', 'y', 'z'])
         lines = [','.join(f'{value:.9f}' for value in row) for row in rows]
         (folder / f'{name}.csv').write_text('\n'.join([head, *lines]) + '\n')
+
+
+def seated_bags(folder: Path) -> None:
+    """`my_sockets` and `my_fourth_place`: the joint states alone of the arm in two of the tables,
+    and in the third."""
+    names = read_description(folder / 'ARM.yaml', parse_arm).joint_names
+    recording = Recording(rate=25.0, hold=0.4, move=0.4)
+    for bag, tables in (
+        ('my_sockets', ('front', 'raised_left')),
+        ('my_fourth_place', ('left_back',)),
+    ):
+        rows = [np.loadtxt(folder / f'{one}.csv', delimiter=',', skiprows=1) for one in tables]
+        recording.write(folder / bag, names, np.concatenate(rows)[:, 2:])
 
 
 def seated_tables(folder: Path) -> None:

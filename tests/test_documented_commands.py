@@ -55,7 +55,7 @@ DRY = {
 }
 STAYS = re.compile(
     r'ros2 run (calib_capture arm|selfcenter_probe (probe|operator)|calib_solver solver)\b'
-    r'|\bserve:=true|--loop|ros2 topic (hz|echo (?!.*--once))'
+    r'|\bserve:=true|gauge:=GAUGE\.yaml|--loop|ros2 topic (hz|echo (?!.*--once))'
 )
 STEPPED = 'time_scale:=0.0'
 MAY_BE_CUT = re.compile(r'ros2 run calib_capture (capture|replay)\b')

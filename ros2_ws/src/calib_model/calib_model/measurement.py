@@ -67,6 +67,12 @@ class ProbingSet:
     def __len__(self) -> int:
         return len(self.location)
 
+    @property
+    def untold(self) -> NDArray[np.bool_]:
+        """Which poses (N,) nobody has told the sphere of: location and sphere 0."""
+        none: NDArray[np.bool_] = (self.location == 0) & (self.sphere == 0)
+        return none
+
     def take(self, which: NDArray[np.int64] | NDArray[np.bool_]) -> ProbingSet:
         """The poses of an index or mask array (N,), in its order."""
         return ProbingSet(*(getattr(self, column.name)[which] for column in fields(self)))
@@ -116,6 +122,7 @@ class Measurement:
         if isinstance(self.probe, ActiveProbe):
             beyond = np.abs(poses.displacement) > BEYOND_STROKE * np.abs(self.probe.stroke).max()
             self._refuse(beyond.any(axis=1), 'has a reading far beyond the stroke: mm for m?')
+        self._refuse(poses.untold, 'is of a sphere that nobody has told: identify sorts them')
         unknown = ~np.isin(poses.sphere, self.gauge.numbers)
         self._refuse(unknown, f'names a sphere that {self.gauge.name} does not have')
         self.centers()

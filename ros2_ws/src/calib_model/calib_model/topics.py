@@ -48,6 +48,7 @@ JOINT_STATES = Topic('/joint_states', JOINT_STATE)
 PROBE_DISPLACEMENTS = Topic('/probe/displacements', DISPLACEMENTS, reliable=False)
 CAPTURE_POSES = Topic('/capture/poses', PROBING_POSE)
 CAPTURE_POINTS = Topic('/capture/points', MEASURED_POINT)
+CAPTURE_UNDONE = Topic('/capture/undone', PROBING_POSE)
 ARM_DESCRIPTION = Topic('/arm_description', STRING, depth=1, latched=True)
 PROBE_DESCRIPTION = Topic('/probe_description', STRING, depth=1, latched=True)
 GAUGE_DESCRIPTION = Topic('/gauge_description', STRING, depth=1, latched=True)
@@ -57,6 +58,8 @@ SOLVER_MARKERS = Topic('/solver/markers', MARKERS, depth=1, latched=True)
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', depth=10)
 JOINT_TRAJECTORY = Topic('/arm_controller/joint_trajectory', TRAJECTORY, depth=1)
 
+#: poses, and those that were taken back, by their stamps
+POSE_TOPICS = (CAPTURE_POSES, CAPTURE_UNDONE)
 DESCRIPTIONS = (ARM_DESCRIPTION, PROBE_DESCRIPTION, GAUGE_DESCRIPTION)
 
 

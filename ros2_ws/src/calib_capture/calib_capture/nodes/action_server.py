@@ -22,7 +22,7 @@ from calib_capture.nodes.capture_run import CaptureRun, Stopped, Watcher
 from calib_capture.nodes.marker_publisher import MarkerPublisher
 from calib_capture.nodes.parameters import CaptureParameters, ParameterReader
 from calib_capture.nodes.teach_service import TeachService
-from calib_capture.recording import HandGuidedSession, ProgramSession
+from calib_capture.recording import HandGuidedSession, ProgramSession, TakingSession
 from calib_model.errors import CalibrationError
 from calib_model.nodes import Proposal
 
@@ -164,7 +164,7 @@ class _Feedback:
         self._handle = handle
         self._told = 0.0
 
-    def __call__(self, session: ProgramSession | HandGuidedSession) -> None:
+    def __call__(self, session: ProgramSession | HandGuidedSession | TakingSession) -> None:
         now, current, tally = time.monotonic(), session.run.current, session.tally
         if current is None or now - self._told < FEEDBACK_PERIOD:
             return

@@ -22,6 +22,7 @@ from calib_capture.motion import Trajectory
 from calib_capture.nodes.arm_commander import ArmCommander, node_names
 from calib_capture.nodes.messages import joint_trajectory
 from calib_capture.nodes.parameters import CONTINUOUS, ParameterReader
+from calib_capture.nodes.taking import TakeServices
 from calib_capture.program import Planner, Program
 from calib_capture.recording import (
     HandGuidedRecord,
@@ -35,6 +36,7 @@ from calib_capture.recording import (
     Recorder,
     RunError,
     SourceError,
+    TakingSession,
     several,
 )
 from calib_model.bags import TEMPERATURE_NOTE, FileAccount
@@ -47,6 +49,7 @@ from calib_model.pairing import ClockEstimate, JointSample, Pairing, Reading
 from calib_model.topics import (
     ARM_DESCRIPTION,
     CAPTURE_POSES,
+    CAPTURE_UNDONE,
     GAUGE_DESCRIPTION,
     JOINT_STATES,
     JOINT_TRAJECTORY,
@@ -82,7 +85,7 @@ class CaptureNode(Node):
         self._heard = dict.fromkeys(self._origins, 0.0)
         self._changed: set[str] = set()  # what is described in another way than before
         self.asked = ParameterReader(self).read()
-        self._session: ProgramSession | HandGuidedSession | None = None
+        self._session: ProgramSession | HandGuidedSession | TakingSession | None = None
         self._early: list[tuple[JointSample | Reading, bytes, Origin]] = []
         self._sampled = self._read = False
         self._listening = False
@@ -93,6 +96,10 @@ class CaptureNode(Node):
         self._odd = self._left_out = 0  # readings on end that no stylus makes, and all of them
         self.commanding = ArmCommander(self)
         self._poses = self.create_publisher(ProbingPose, CAPTURE_POSES.name, qos_of(CAPTURE_POSES))
+        self._undone = self.create_publisher(
+            ProbingPose, CAPTURE_UNDONE.name, qos_of(CAPTURE_UNDONE)
+        )
+        self.taking = TakeServices(self, self._taking_session)
         self._listen_for_descriptions()
         # of the wall's time, also where a bag's time rules: it stands still when nothing plays
         self.create_timer(TICK, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -186,7 +193,7 @@ class CaptureNode(Node):
         return ', '.join(
             f'{topic.name}, silent for {now - heard:.0f} s'
             for topic, heard in self._heard.items()
-            if now - heard > SILENT
+            if heard and now - heard > SILENT
         )
 
     def lost(self) -> str:
@@ -218,9 +225,7 @@ class CaptureNode(Node):
 
     def missing_streams(self) -> str:
         """What of arm and probe has not shown itself yet; empty when both are there."""
-        missing = []
-        if not self._sampled:
-            missing.append(f'{JOINT_STATES.name} with {", ".join(self._joint_names)}')
+        missing = [joints] if (joints := self.missing_joints()) else []
         if not self._led and not self.commanding.heard():
             missing.append(f'an arm that listens to {JOINT_TRAJECTORY.name}')
         if not self._read:
@@ -292,6 +297,37 @@ class CaptureNode(Node):
         for message, raw, origin in early:
             self._pass_on(message, raw, origin)
         return session
+
+    def missing_joints(self) -> str:
+        """The joint states, until one has come."""
+        names = ', '.join(self._joint_names)
+        return '' if self._sampled else f'{JOINT_STATES.name} with {names}'
+
+    def without_readings(self) -> bool:
+        """Whether the probe is a ball or a seat of which no node tells anything."""
+        silent = not self._read and not self.count_publishers(PROBE_DISPLACEMENTS.name)
+        return silent and isinstance(self.probe, PassiveProbe)
+
+    def begin_taking(self, earlier: Sequence[FileAccount]) -> TakingSession:
+        """Open the bag, or go on with the files it has, to take poses when asked."""
+        assert isinstance(self.probe, PassiveProbe)
+        self.failure = None
+        self._count_anew()
+        self._early.clear()
+        session = TakingSession(
+            self.arm,
+            self.probe,
+            self._recorder(earlier),
+            self._undone.publish,
+            time.monotonic,
+            time.time_ns,
+            self.asked.silence,
+        )
+        self._session = session
+        return session
+
+    def _taking_session(self) -> TakingSession | None:
+        return self._session if isinstance(self._session, TakingSession) else None
 
     def _count_anew(self) -> None:
         self._odd = self._left_out = 0

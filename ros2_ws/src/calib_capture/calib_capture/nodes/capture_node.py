@@ -22,7 +22,7 @@ from calib_capture.nodes.capture_run import CaptureRun, Stopped, Watcher
 from calib_capture.nodes.marker_publisher import MarkerPublisher
 from calib_capture.nodes.parameters import ParameterReader
 from calib_capture.program import TaughtBook
-from calib_capture.recording import HandGuidedSession, ProgramSession
+from calib_capture.recording import HandGuidedSession, ProgramSession, TakingSession
 from calib_model.command_line import run_command
 from calib_model.errors import ParameterError
 from calib_model.nodes import NodeCommand, init, lean_executor, warn_of_unknown
@@ -64,7 +64,7 @@ def _run_once(node: CaptureNode, executor: Executor, stop: _Stop) -> int:
     node.add_on_set_parameters_callback(_too_late)
     node.taught.update(TaughtBook(node.asked.taught).read())
 
-    def show(session: ProgramSession | HandGuidedSession) -> None:
+    def show(session: ProgramSession | HandGuidedSession | TakingSession) -> None:
         tally, current, now = session.tally, session.run.current, time.monotonic()
         if current is not None:
             where = f'location {current.location}, sphere {current.sphere}'

@@ -14,6 +14,7 @@ from rclpy.executors import Executor
 from calib_capture.nodes.capture_graph import TICK, CaptureNode
 from calib_capture.nodes.marker_publisher import MarkerPublisher
 from calib_capture.nodes.parameters import CONTINUOUS
+from calib_capture.nodes.taking import Keys
 from calib_capture.program import Program
 from calib_capture.recording import (
     Begun,
@@ -23,14 +24,18 @@ from calib_capture.recording import (
     ProgramSession,
     RunError,
     SourceError,
+    TakenTally,
+    TakingSession,
     Tally,
     begun,
     remaining,
 )
 from calib_model.bags import read_note
 from calib_model.errors import BagError, CalibrationError
+from calib_model.instruments import PassiveProbe
 from calib_model.pairing import HAND_GUIDED_NOTE
 
+READINGS_WITHIN = 2.0  # s after joint states in which somebody may yet tell of a passive probe
 REMINDER = 3.0  # s between two lines that say what is being waited for
 
 
@@ -39,7 +44,7 @@ class Watcher:
     """Who asked for the capture: hears lines and progress, and may want it to stop."""
 
     say: Callable[[str], None]
-    show: Callable[[ProgramSession | HandGuidedSession], None]
+    show: Callable[[ProgramSession | HandGuidedSession | TakingSession], None]
     stopped: Callable[[], bool]
 
 
@@ -57,7 +62,7 @@ class CaptureRun:
         self._executor = executor
         self._watcher = watcher
         self._showing = showing
-        self.tally: Tally | HandGuidedTally = Tally(0)
+        self.tally: Tally | HandGuidedTally | TakenTally = Tally(0)
         self._told = 0.0
 
     def __call__(self) -> str:
@@ -164,6 +169,8 @@ class CaptureRun:
         """Take in a hand-guided arm; being stopped is the usual end of it."""
         node, begin = self._node, time.monotonic()
         node.describe()
+        if isinstance(node.probe, PassiveProbe) and self._without_readings():
+            return self._taking()
         self._showing.places()
         there, noted = self._there(), self._noted()
         if there.taken:
@@ -178,6 +185,41 @@ class CaptureRun:
                     self._executor.spin_once(timeout_sec=TICK)
                     self._remind()
                     self._watcher.show(session)
+                session.finish()
+        finally:
+            node.end()
+        return self._summary(there, False, time.monotonic() - begin, session.remarks())
+
+    def _without_readings(self) -> bool:
+        """Whether nobody tells of a passive probe, after a while in which somebody might."""
+        self._node.listen()
+        self._wait_for(self._node.missing_joints)
+        until = time.monotonic() + READINGS_WITHIN
+        while self._node.without_readings():
+            if self._watcher.stopped():
+                raise Stopped('nothing recorded')
+            if time.monotonic() > until:
+                return True
+            self._executor.spin_once(timeout_sec=TICK)
+        return False
+
+    def _taking(self) -> str:
+        """Take poses of a seated ball when asked to; being stopped is the usual end of it."""
+        node, begin = self._node, time.monotonic()
+        there = self._there()
+        if there.taken:
+            self._watcher.say(f'{node.asked.output}: {there.taken} poses are there already')
+        session = node.begin_taking(there.files)
+        self.tally = session.tally
+        self._watcher.say(f'{node.probe.name} gives no readings: /capture/take takes a pose')
+        keys, ended = Keys(self._watcher.say), False
+        try:
+            with session.recorder:
+                while not (session.finished or node.failure or ended or self._watcher.stopped()):
+                    self._executor.spin_once(timeout_sec=TICK)
+                    self._remind()
+                    self._watcher.show(session)
+                    ended = keys.act(session)
                 session.finish()
         finally:
             node.end()

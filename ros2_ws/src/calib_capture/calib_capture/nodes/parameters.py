@@ -31,7 +31,8 @@ _TAUGHT = (
 )
 _MODE = (
     'program: the arm is commanded from pose to pose and stands at each; '
-    'continuous: it is led by hand, and poses are taken while it moves'
+    'continuous: it is led by hand, and poses are taken while it moves, or by /capture/take where '
+    'a passive probe gives no readings'
 )
 _CORRECT = (
     'pair readings with the joints by the estimated offset between their clocks; '

@@ -47,5 +47,10 @@ if TYPE_CHECKING:
     from calib_capture.recording.standing_pose import (
         pose_at_rest as pose_at_rest,
     )
+    from calib_capture.recording.taking_session import (
+        TakeError as TakeError,
+        TakenTally as TakenTally,
+        TakingSession as TakingSession,
+    )
 else:
     __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -11,7 +11,7 @@ from calib_model.errors import BagError
 from calib_model.files import FolderLock
 from calib_model.instruments import Arm, Gauge, Probe
 from calib_model.pairing import NOTE, SteadySettings, note_of
-from calib_model.topics import CAPTURE_POSES, Topic
+from calib_model.topics import CAPTURE_POSES, CAPTURE_UNDONE, Topic
 
 IN_USE = '{}: is being written by another capture'
 
@@ -65,6 +65,11 @@ class Recorder:
         """Record an accepted pose, to be announced with the next `commit`."""
         self._bag.write(CAPTURE_POSES, data, time, time)
         self._unsaved.append(data)
+
+    def undone(self, data: bytes, time: int) -> None:
+        """Record that a pose was taken back, and put it on disk."""
+        self._bag.write(CAPTURE_UNDONE, data, time, time)
+        self._bag.flush()
 
     def commit(self) -> None:
         """Put the poses so far on disk, then announce them."""

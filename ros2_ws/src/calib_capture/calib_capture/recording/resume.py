@@ -12,7 +12,7 @@ import numpy as np
 from calib_capture.program import PlannedPose, Program, SpherePlan
 from calib_capture.recording.recorder import IN_USE
 from calib_model.arrays import Array
-from calib_model.bags import FileAccount, read_descriptions, read_measurement, repair
+from calib_model.bags import FileAccount, read_descriptions, read_measurement, read_poses, repair
 from calib_model.descriptions import arm_yaml, gauge_yaml, probe_yaml
 from calib_model.errors import BagError
 from calib_model.files import FolderLock
@@ -57,7 +57,10 @@ def begun(bag: str | Path, arm: Arm, probe: Probe, gauge: Gauge) -> Begun:
         _refuse_other(bag, arm, probe, gauge)
     if not any(file.counts.get(CAPTURE_POSES.name) for file in files):
         return Begun(files, None, tuple(mended))
-    return Begun(files, read_measurement(bag).poses, tuple(mended))
+    poses = read_poses(bag)[1]
+    if not poses.untold.any():
+        poses = read_measurement(bag).poses
+    return Begun(files, poses, tuple(mended))
 
 
 def _refuse_other(bag: str | Path, arm: Arm, probe: Probe, gauge: Gauge) -> None:

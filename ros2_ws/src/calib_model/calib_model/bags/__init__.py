@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from calib_model.bags.measurement import (
         PoseMessages as PoseMessages,
         read_measurement as read_measurement,
+        read_poses as read_poses,
     )
     from calib_model.bags.measurement_writer import (
         write_descriptions as write_descriptions,

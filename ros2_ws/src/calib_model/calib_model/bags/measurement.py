@@ -15,8 +15,9 @@ from calib_model.bags.reader import BagMessage, read_messages
 from calib_model.errors import BagError
 from calib_model.instruments import Arm, Gauge, Probe
 from calib_model.measurement import Measurement, ProbingSet
-from calib_model.topics import CAPTURE_POSES, DESCRIPTIONS
+from calib_model.topics import CAPTURE_POSES, CAPTURE_UNDONE, DESCRIPTIONS, POSE_TOPICS
 
+POSES = {topic.name for topic in POSE_TOPICS}
 LARGEST_POSE = 10_000  # bytes: of a hundred joints and a long frame
 LARGEST_SET = 400_000_000  # bytes: over two million poses
 
@@ -35,12 +36,7 @@ def read_measurement(
         DescriptionError: a description in the bag cannot be used.
         DataError: a pose does not fit the descriptions.
     """
-    described, poses = BagDescriptions(path), PoseMessages(path)
-    for message in read_messages(path, {topic.name for topic in (*DESCRIPTIONS, CAPTURE_POSES)}):
-        (poses if message.topic == CAPTURE_POSES.name else described).take(message)
-    found = poses.read()
-    if found is None:
-        raise BagError(f'{path}: the bag has no messages on {CAPTURE_POSES.name}')
+    described, found = read_poses(path)
     measured = Measurement(
         arm or described.arm(),
         probe or described.probe(),
@@ -51,12 +47,30 @@ def read_measurement(
     return measured.checked()
 
 
+def read_poses(path: str | Path) -> tuple[BagDescriptions, ProbingSet]:
+    """The poses in a bag as they were recorded, without those that were taken back, and what the
+    bag says of the instruments. Location and sphere 0 stand for one
+    that nobody has told.
+
+    Raises:
+        BagError: no bag, no poses, or a message that cannot be read.
+    """
+    described, poses = BagDescriptions(path), PoseMessages(path)
+    for message in read_messages(path, {topic.name for topic in (*DESCRIPTIONS, *POSE_TOPICS)}):
+        (poses if message.topic in POSES else described).take(message)
+    found = poses.read()
+    if found is None:
+        raise BagError(f'{path}: the bag has no messages on {CAPTURE_POSES.name}')
+    return described, found
+
+
 class PoseMessages:
-    """Gathers the messages on /capture/poses of the bag at `path`."""
+    """Gathers the messages on /capture/poses and /capture/undone of the bag at `path`."""
 
     def __init__(self, path: str | Path) -> None:
         self._path = path
         self._messages: list[bytes] = []
+        self._undone: list[bytes] = []
         self._size = 0
 
     def take(self, message: BagMessage) -> None:
@@ -67,6 +81,7 @@ class PoseMessages:
         """
         if message.type != CAPTURE_POSES.type:
             _check_type(self._path, message, CAPTURE_POSES.type)
+        taken = message.topic != CAPTURE_UNDONE.name
         size = len(message.data)
         self._size += size
         if size > LARGEST_POSE or self._size > LARGEST_SET:
@@ -74,17 +89,21 @@ class PoseMessages:
                 f'{self._path}: {CAPTURE_POSES.name}, message {len(self._messages) + 1} has '
                 f'{size} bytes, {self._size} with those before: more than is taken'
             )
-        self._messages.append(message.data)
+        (self._messages if taken else self._undone).append(message.data)
 
     def read(self) -> ProbingSet | None:
-        """The poses, None without any.
+        """The poses that were not taken back, None without any message.
 
         Raises:
             BagError: one cannot be read, or they have different numbers of joints.
         """
         if not self._messages:
             return None
-        return decode_poses(self._messages) or _one_by_one(self._path, self._messages)
+        poses = decode_poses(self._messages) or _one_by_one(self._path, self._messages)
+        if not self._undone:
+            return poses
+        undone = decode_poses(self._undone) or _one_by_one(self._path, self._undone)
+        return poses.take(~np.isin(poses.stamp, undone.stamp))
 
 
 def _check_type(path: str | Path, message: BagMessage, expected: str) -> None:

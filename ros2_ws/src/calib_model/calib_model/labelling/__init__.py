@@ -6,9 +6,16 @@ from typing import TYPE_CHECKING
 from calib_model.lazy import lazily
 
 if TYPE_CHECKING:
+    from calib_model.labelling.joint_stops import (
+        AGAIN as AGAIN,
+        held_posture as held_posture,
+    )
     from calib_model.labelling.raw_settings import (
         Instruments as Instruments,
         RawSettings as RawSettings,
+    )
+    from calib_model.labelling.seated_poses import (
+        sockets as sockets,
     )
     from calib_model.labelling.sphere_finder import (
         NOWHERE as NOWHERE,
@@ -22,6 +29,7 @@ if TYPE_CHECKING:
     from calib_model.labelling.unlabelled_bag import (
         Sorted as Sorted,
         label_bag as label_bag,
+        label_poses as label_poses,
         numbering_of as numbering_of,
         with_numbers as with_numbers,
     )

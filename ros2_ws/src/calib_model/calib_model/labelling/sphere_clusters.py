@@ -72,6 +72,21 @@ class SphereClusters:
     strays: list[Stray] = field(default_factory=list)
 
 
+def visits(p: Array, near: float) -> list[list[int]]:
+    """Runs of points (N, 3), in time order, that stay at one place: rows up to `near` (m) from the
+    mean of those before them."""
+    found: list[list[int]] = []
+    center = np.full(3, np.inf)
+    for row, point in enumerate(p):
+        if np.linalg.norm(point - center) <= near:
+            found[-1].append(row)
+            center = center + (point - center) / len(found[-1])
+        else:
+            found.append([row])
+            center = point.copy()
+    return found
+
+
 class SphereClustering:
     """Takes visits in time order; poses `p` (N, 3) are where the nominal arm saw the sphere, m."""
 
@@ -84,24 +99,11 @@ class SphereClustering:
 
     def run(self) -> SphereClusters:
         """Group all poses."""
-        for rows in self._visits():
+        for rows in visits(self._p, self.near):
             self._take(rows)
         self._strand(self._pending)
         self.found.locations = [each for each in self.found.locations if self._kept(each)]
         return self.found
-
-    def _visits(self) -> list[list[int]]:
-        """Runs of poses at one place."""
-        visits: list[list[int]] = []
-        center = np.full(3, np.inf)
-        for row, point in enumerate(self._p):
-            if np.linalg.norm(point - center) <= self.near:
-                visits[-1].append(row)
-                center = center + (point - center) / len(visits[-1])
-            else:
-                visits.append([row])
-                center = point.copy()
-        return visits
 
     def _take(self, rows: list[int]) -> None:
         center = self._p[rows].mean(axis=0)

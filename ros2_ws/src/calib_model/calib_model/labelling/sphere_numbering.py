@@ -92,7 +92,8 @@ def numbered(locations: Sequence[SeenLocation], certificate: Certificate, near: 
     options = []
     for location in locations:
         matches = certificate.matches(location.centers, near)
-        options.append(tuple(match for match in matches if match.off <= matches[0].off + AS_GOOD))
+        as_good = [match for match in matches if match.off <= matches[0].off + AS_GOOD]
+        options.append(_distinct(as_good, certificate))
     most = max(len(location.places) for location in locations)
     widest = [
         each for each, seen in zip(options, locations, strict=True) if len(seen.places) == most
@@ -110,6 +111,17 @@ def numbered(locations: Sequence[SeenLocation], certificate: Certificate, near: 
     chosen = tuple(min(matches, key=lambda match: _effort(match, ranked[0])) for matches in within)
     unsure = sum(len(matches) > 1 for matches in within)
     return Numbering(tuple(options), chosen, tuple(ranked), unsure)
+
+
+def _distinct(matches: Sequence[Match], certificate: Certificate) -> tuple[Match, ...]:
+    """Without those that ask for the very same distances as another of the same spheres does: of
+    two sockets nobody can tell, nor has to, which is which. Those that count upwards stay."""
+    kept: dict[tuple[Scheme, tuple[float, ...]], Match] = {}
+    for match in sorted(matches, key=lambda match: _effort(match, frozenset())):
+        pairs = combinations(match.numbers, 2)
+        asked = tuple(certificate.gauge.distance(one, other) for one, other in pairs)
+        kept.setdefault((frozenset(match.numbers), asked), match)
+    return tuple(match for match in matches if match in kept.values())
 
 
 def renumbered(

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib_model.arrays import Array
-from calib_model.bags import Told, listed_topics, read_notes
+from calib_model.bags import BagDescriptions, Told, listed_topics, read_notes
 from calib_model.errors import BagError, ContactError, DataError
-from calib_model.instruments import Arm, Gauge, Probe, known_centers
+from calib_model.instruments import Arm, Gauge, PassiveProbe, Probe, known_centers
 from calib_model.kinematics import points
 from calib_model.labelling.certificate_match import Certificate
 from calib_model.labelling.raw_settings import Instruments, RawSettings
+from calib_model.labelling.seated_poses import recorded_poses, seated_poses
 from calib_model.labelling.sphere_clusters import SeenLocation, SphereClustering, SphereClusters
 from calib_model.labelling.sphere_numbering import Numbering, numbered
 from calib_model.measurement import Measurement, ProbingSet
@@ -24,6 +25,7 @@ from calib_model.pairing import (
     HAND_GUIDED_NOTE,
     NOTE,
     HandGuidedSettings,
+    RawBag,
     SteadyPose,
     hand_guided_settings_of,
     pair_streams,
@@ -63,23 +65,94 @@ def label_bag(
     topics = listed_topics(path)
     if topics:
         _refuse_undescribed(path, given, topics)  # before hundreds of MB are read
-    bag = read_raw(path, choice.topics, told)
-    _refuse_undescribed(path, given, bag.described)
-    arm = given.arm or bag.described.arm()
-    probe = given.probe or bag.described.probe()
-    gauge = given.gauge or bag.described.gauge()
-    unknown = [number for number in choice.spheres if number not in gauge.numbers]
+    seatable = given.probe is None or isinstance(given.probe, PassiveProbe)
+    bag = read_raw(path, choice.topics, told, readings=not seatable)
+    there = _instruments(path, given, bag.described)
+    _refuse_unknown(choice, there)
+    names = choice.topics.joints or there.arm.joint_names
+    if isinstance(there.probe, PassiveProbe) and not bag.has_readings:
+        streams = bag.streams(names)
+        seated = seated_poses(there.arm, there.probe, streams, choice)
+        lines = [
+            f'{path}: {len(streams.joints)} joint states in {streams.seconds:.0f} s and no '
+            f'readings, of a passive probe',
+            seated.line,
+        ]
+        if not seated.poses:
+            raise BagError(f'{path}: no pose comes of its joint states: the arm never stopped')
+        return _sorted(path, there, choice, seated.poses, seated.p_base, lines)
+    if not bag.has_readings:
+        bag.refuse_missing()
+    return _paired(path, bag, there, choice)
+
+
+def label_poses(
+    path: str | Path,
+    choice: RawSettings,
+    given: Instruments,
+    described: BagDescriptions,
+    poses: ProbingSet,
+) -> Sorted:
+    """The same of poses that were taken one by one with a passive probe, and nobody labelled.
+
+    Raises:
+        BagError: a description is missing, or the probe is none that gives no readings.
+        DescriptionError: a description in the bag cannot be used.
+        DataError: no two spheres stand to one another as on the certificate.
+    """
+    _refuse_undescribed(path, given, described)
+    there = _instruments(path, given, described)
+    _refuse_unknown(choice, there)
+    if not isinstance(there.probe, PassiveProbe):
+        raise BagError(f'{path}: poses without sphere numbers, but {there.probe.name} is active')
+    if poses.joints.shape[1] != there.arm.n:
+        raise DataError(
+            f'{path}: poses have {poses.joints.shape[1]} joint positions, the arm '
+            f'{there.arm.name} has {there.arm.n} joints'
+        )
+    taken = recorded_poses(there.arm, there.probe, poses.take(np.argsort(poses.stamp)))
+    return _sorted(path, there, choice, taken.poses, taken.p_base, [f'{path}: {taken.line}'])
+
+
+@dataclass(frozen=True)
+class _Described:
+    """What a bag was taken with."""
+
+    arm: Arm
+    probe: Probe
+    gauge: Gauge
+
+
+def _instruments(path: str | Path, given: Instruments, described: BagDescriptions) -> _Described:
+    _refuse_undescribed(path, given, described)
+    return _Described(
+        given.arm or described.arm(),
+        given.probe or described.probe(),
+        given.gauge or described.gauge(),
+    )
+
+
+def _refuse_unknown(choice: RawSettings, there: _Described) -> None:
+    unknown = [number for number in choice.spheres if number not in there.gauge.numbers]
     if unknown:
-        raise DataError(f'{gauge.name}: no sphere {unknown[0]} on the certificate')
-    names = choice.topics.joints or arm.joint_names
-    if len(names) != arm.n:
-        raise DataError(f'--joints names {len(names)} joints, the arm {arm.name} has {arm.n}')
+        raise DataError(f'{there.gauge.name}: no sphere {unknown[0]} on the certificate')
+    names = choice.topics.joints
+    if names and len(names) != there.arm.n:
+        raise DataError(
+            f'--joints names {len(names)} joints, the arm {there.arm.name} has {there.arm.n}'
+        )
+
+
+def _paired(path: str | Path, bag: RawBag, there: _Described, choice: RawSettings) -> Sorted:
+    """Of the joints and the readings with one another."""
+    arm, probe, gauge = there.arm, there.probe, there.gauge
     notes = read_notes(path, (NOTE, HAND_GUIDED_NOTE))
     settings = replace(
         settings_of(notes[NOTE]),
         **dict(choice.settings),  # type: ignore[arg-type]
     )
     guided, shift = _guided(notes[HAND_GUIDED_NOTE], str(path))
+    names = choice.topics.joints or arm.joint_names
     streams = bag.streams(names, settings.lateness if guided is None else guided.lateness)
 
     def touching(displacement: Array) -> NDArray[np.bool_]:
@@ -105,14 +178,27 @@ def label_bag(
         why = f'{paired.stops} stops and {paired.contacts} contacts'
         reasons = f'; stops refused: {paired.reasons}' if paired.refused else ''
         raise BagError(f'{path}: no pose comes of its {why} with good readings{reasons}')
-    certificate = Certificate(gauge, choice.spheres)
+    return _sorted(path, there, choice, poses, p_base, lines)
+
+
+def _sorted(
+    path: str | Path,
+    there: _Described,
+    choice: RawSettings,
+    poses: Sequence[SteadyPose],
+    p_base: Array,
+    lines: Sequence[str],
+) -> Sorted:
+    """Poses in time order by location and place; `p_base` (N, 3) is where the arm saw them, m."""
+    certificate = Certificate(there.gauge, choice.spheres)
     grouping = SphereClustering(p_base, certificate)
     grouped = grouping.run()
-    lines += _told_apart(grouped)
     if not grouped.locations:
         raise DataError(f'{path}: {_nothing(grouped)}')
-    measured = Measurement(arm, probe, gauge, _by_place(poses, grouped), str(path))
-    return Sorted(measured, tuple(grouped.locations), certificate, grouping.near, tuple(lines))
+    by_place = _by_place(poses, grouped)
+    measured = Measurement(there.arm, there.probe, there.gauge, by_place, str(path))
+    told = (*lines, *_told_apart(grouped))
+    return Sorted(measured, tuple(grouped.locations), certificate, grouping.near, told)
 
 
 def _slow_states(joints: Array, stamp: NDArray[np.int64]) -> list[str]:

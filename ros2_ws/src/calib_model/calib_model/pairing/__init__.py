@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         pair_readings as pair_readings,
     )
     from calib_model.pairing.raw_bag import (
+        RawBag as RawBag,
         read_raw as read_raw,
     )
     from calib_model.pairing.readings import (
@@ -60,6 +61,9 @@ if TYPE_CHECKING:
         Refusal as Refusal,
         SteadyPose as SteadyPose,
         SteadySettings as SteadySettings,
+    )
+    from calib_model.pairing.stream_order import (
+        Rows as Rows,
     )
     from calib_model.pairing.streams import (
         RawStreams as RawStreams,

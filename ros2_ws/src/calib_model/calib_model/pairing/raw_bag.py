@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from calib_model.arrays import Array
 from calib_model.bags import BagDescriptions, PoseMessages, Told, listed_topics, read_messages
 from calib_model.errors import BagError
 from calib_model.measurement import ProbingSet
@@ -26,15 +25,16 @@ from calib_model.pairing.stream_order import STEP_BACK, Rows
 from calib_model.pairing.streams import RawStreams, RecordedStreams
 from calib_model.stamps import SECOND
 from calib_model.topics import (
-    CAPTURE_POSES,
     DESCRIPTIONS,
     DISPLACEMENTS,
     JOINT_STATE,
+    POSE_TOPICS,
     RawTopics,
 )
 
 BLOCK = 20_000  # messages that are decoded together
 MOST_SHOWN = 20  # names in an error
+NO_STATUS = np.zeros((0, 3), dtype=np.uint8)
 
 
 @dataclass
@@ -61,8 +61,8 @@ class RawBag:
         number, stamp = _joined([b.rows for b in chosen]), _joined([b.stamp for b in chosen])
         states = np.argsort(number)
         states = states[(np.abs(q[states]) <= LARGEST).all(axis=1)]
-        read = np.concatenate([block.displacement for block in self._readings])
-        read_number = np.concatenate([block.rows for block in self._readings])
+        read = _joined([block.displacement for block in self._readings], np.zeros((0, 3)))
+        read_number = _joined([block.rows for block in self._readings])
         readings = np.argsort(read_number)
         sound = (np.abs(read) <= LARGEST).all(axis=1)
         return RecordedStreams(
@@ -70,13 +70,19 @@ class RawBag:
             stamp[states],
             q[states],
             read_number[readings],
-            np.concatenate([block.stamp for block in self._readings])[readings],
+            _joined([block.stamp for block in self._readings])[readings],
             np.where(sound[:, None], read, np.nan)[readings],
-            np.concatenate([block.status for block in self._readings])[readings],
+            _joined([block.status for block in self._readings], NO_STATUS)[readings],
         )
 
+    @property
+    def has_readings(self) -> bool:
+        """Whether there is any probe reading."""
+        return bool(self._readings)
+
     def streams(self, names: Sequence[str], lateness: float = 0.0) -> RawStreams:
-        """The streams in order, with the joints of these names, in this order.
+        """The streams in order, with the joints of these names, in this order; no readings where
+        the bag has none.
 
         Raises:
             BagError: no joint state has them all, or the streams cannot belong together.
@@ -85,10 +91,21 @@ class RawBag:
             self._refuse_names(names)
         recorded = self.recorded(names)
         self._refuse_stamps(recorded.joint_stamp, self.topics.joint_states)
-        self._refuse_stamps(recorded.reading_stamp, self.topics.displacements)
+        if self.has_readings:
+            self._refuse_stamps(recorded.reading_stamp, self.topics.displacements)
         found = recorded.ordered(lateness)
-        self._refuse_apart(found)
+        if self.has_readings:
+            self._refuse_apart(found)
         return found
+
+    def refuse_missing(self, readings: bool = True) -> None:
+        """Refuse it where it lacks one of the streams.
+
+        Raises:
+            BagError: names the topic, and those of its type that the bag has.
+        """
+        every = {each.topic: each.type for each in read_messages(self.path)}
+        refuse_topics(self.path, self.topics, every or {'': ''}, readings)
 
     def _refuse_stamps(self, stamp: Rows, topic: str) -> None:
         if not len(stamp):
@@ -127,7 +144,7 @@ class RawBag:
             )
 
 
-def _joined(parts: Sequence[Array] | Sequence[Rows], none: Array | None = None) -> Any:
+def _joined(parts: Sequence[np.ndarray], none: np.ndarray | None = None) -> Any:
     return np.concatenate(parts) if parts else np.zeros(0, np.int64) if none is None else none
 
 
@@ -168,15 +185,20 @@ class _Block:
 
 
 def read_raw(
-    path: str | Path, topics: RawTopics, told: Told | None = None, with_poses: bool = False
+    path: str | Path,
+    topics: RawTopics,
+    told: Told | None = None,
+    with_poses: bool = False,
+    readings: bool = True,
 ) -> RawBag:
-    """The raw streams of a bag and what descriptions it has; `with_poses` its poses as well.
+    """The raw streams of a bag and what descriptions it has; `with_poses` its poses as well. Not
+    `readings`: it may be without any, as of a passive probe.
 
     Raises:
         BagError: no bag, a topic missing or of another type, or a message that cannot be read.
     """
     path = Path(path)
-    refuse_topics(path, topics, listed_topics(path))
+    refuse_topics(path, topics, listed_topics(path), readings)
     bag = RawBag(path, topics, BagDescriptions(path))
     blocks = {
         topics.joint_states: _Block(
@@ -188,11 +210,12 @@ def read_raw(
     }
     poses = PoseMessages(path)
     wanted = {*blocks, *(topic.name for topic in DESCRIPTIONS)}
-    wanted |= {CAPTURE_POSES.name} if with_poses else set()
+    pose_topics = {topic.name for topic in POSE_TOPICS}
+    wanted |= pose_topics if with_poses else set()
     for number, message in enumerate(read_messages(path, wanted, told=told)):
         block = blocks.get(message.topic)
         if block is None:
-            (poses if message.topic == CAPTURE_POSES.name else bag.described).take(message)
+            (poses if message.topic in pose_topics else bag.described).take(message)
             continue
         if message.type != block.kind:
             raise BagError(
@@ -202,14 +225,16 @@ def read_raw(
     for block in blocks.values():
         block.decode()
     if not all(block.count for block in blocks.values()):
-        every = {each.topic: each.type for each in read_messages(path)}
-        refuse_topics(path, topics, every or {'': ''})
+        bag.refuse_missing(readings)
     bag.poses = poses.read()
     return bag
 
 
-def refuse_topics(path: Path, topics: RawTopics, there: Mapping[str, str]) -> None:
-    """Refuse a bag with these topics and types that lacks one of the streams; none: not known.
+def refuse_topics(
+    path: Path, topics: RawTopics, there: Mapping[str, str], readings: bool = True
+) -> None:
+    """Refuse a bag with these topics and types that lacks one of the streams; none: not known. Not
+    `readings`: these may be missing, but not be on another topic.
 
     Raises:
         BagError: names the topic, and those of its type that the bag has.
@@ -221,6 +246,8 @@ def refuse_topics(path: Path, topics: RawTopics, there: Mapping[str, str]) -> No
         if not there or topic in there:
             continue
         others = sorted(name for name, its in there.items() if its == kind)
+        if not others and kind == DISPLACEMENTS and not readings:
+            continue
         if not others:
             raise BagError(f'{path}: no messages on {topic}, nor any other {kind}')
         raise BagError(

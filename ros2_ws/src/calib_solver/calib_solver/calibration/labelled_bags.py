@@ -10,7 +10,7 @@ import numpy as np
 
 from calib_model import labelling
 from calib_model.arrays import Array
-from calib_model.bags import Told, listed_topics, read_measurement, read_messages
+from calib_model.bags import Told, listed_topics, read_messages, read_poses
 from calib_model.errors import BagError
 from calib_model.measurement import Measurement
 from calib_model.topics import CAPTURE_POSES
@@ -38,7 +38,16 @@ def read_part(
         CalibrationError: the bag or a description cannot be read, or no pose comes of it.
     """
     if not anew and has_poses(bag):
-        return Part(read_measurement(bag, given.arm, given.probe, given.gauge))
+        described, poses = read_poses(bag)
+        if poses.untold.any():  # taken one by one, in sockets that nobody numbered
+            raw = labelling.label_poses(bag, choice, given, described, poses)
+            return Part(raw.measured, raw)
+        arm, probe, gauge = (
+            given.arm or described.arm(),
+            given.probe or described.probe(),
+            given.gauge or described.gauge(),
+        )
+        return Part(Measurement(arm, probe, gauge, poses, bag).checked())
     try:
         raw = labelling.label_bag(bag, choice, given, told)
     except BagError as error:

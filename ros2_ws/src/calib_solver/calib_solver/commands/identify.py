@@ -16,8 +16,9 @@ OBJECTIVES = ('distance_repeatability', 'distance', 'position')
 
 ABOUT = """\
 Identify the Denavit-Hartenberg parameters of an arm, and where the probe sits on its flange,
-from bags of probing poses, or of nothing but /joint_states and /probe/displacements; or, with the
-places of its targets, from bags of points that a tracker measured (import_points)."""
+from bags of probing poses, or of nothing but /joint_states and /probe/displacements (of a ball
+seated in sockets /joint_states alone); or, with the places of its targets, from bags of points that
+a tracker measured (import_points)."""
 EXAMPLE = """example:
   ros2 run calib_solver identify bags/demo --test bags/demo_test --output output/demo
   ros2 run calib_solver identify my_bag --arm arm.yaml --probe probe.yaml --gauge gauge.yaml
