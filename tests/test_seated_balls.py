@@ -20,6 +20,7 @@ from calib_model.kinematics import points
 from calib_model.labelling import Instruments, RawSettings, Sorted, label_bag
 from calib_model.topics import DISPLACEMENTS, JOINT_STATES, Topic
 from calib_model.transforms import RigidTransform
+from calib_solver.acceptance import verify
 from calib_solver.calibration import Sources, calibrate, evaluation_record
 from calib_solver.fitting import Options
 
@@ -174,6 +175,23 @@ def test_stops_in_the_air_belong_to_no_socket_and_are_told(
     said = '\n'.join(found.lines)
     assert '20 poses by the joints alone' in said
     assert 'left out: they fit no sphere' in said
+
+
+@real
+def test_a_calibration_is_verified_by_joint_states_alone(
+    tmp_path: Path, arm: Arm, rows: Array
+) -> None:
+    bags = [
+        Recording(rate=10.0, hold=0.4).write(tmp_path / name, arm.joint_names, part[:, 2:])
+        for name, part in (('made', rows[:62]), ('new', rows[62:118]))
+    ]
+    done = calibrate(
+        Sources((str(bags[0]),), **FILES), Options(quick=True), (), str(tmp_path / 'out')
+    )
+    found = verify(Sources((str(bags[1]),), gauge=FILES['gauge']), str(tmp_path / 'out'))
+    assert len(found.problem.joints) == 56
+    assert found.nominal.spheres.two_sigma.mean() > found.quality.spheres.two_sigma.mean()
+    assert found.quality.spheres.two_sigma.mean() > done.done.identified.spheres.two_sigma.mean()
 
 
 def test_two_sockets_need_no_word_on_which_is_which(

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib_model.descriptions import read_description
+from calib_model.labelling import Instruments
 from calib_model.progress import Progress
 from calib_solver.acceptance.prediction import Stated, stated_errors
 from calib_solver.acceptance.stored_result import StoredResult, read_result
@@ -112,7 +113,8 @@ def verify(
     allowed = read_description(limits, parse_limits) if limits else {}
     allowed |= dict(more or {})
     result = read_result(folder)
-    loaded = load_all(sources, progress)
+    instead = Instruments(result.arm, result.probe)  # of a bag of raw topics alone
+    loaded = load_all(replace(sources, instead=instead), progress)
     correction = result.calibrated.correction
     loaded = loaded.told_with(result.arm, result.probe, correction)
     measured = replace(loaded.measured, arm=result.arm, probe=result.probe)

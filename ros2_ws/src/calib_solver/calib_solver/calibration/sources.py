@@ -14,6 +14,7 @@ from calib_model.bags import (
     cut_files,
     has_points,
     left_aside,
+    listed_topics,
     read_temperature,
     together,
 )
@@ -29,6 +30,7 @@ from calib_model.kinematics import Correction
 from calib_model.labelling import Instruments, RawSettings
 from calib_model.measurement import Measurement, ProbingSet
 from calib_model.progress import Pace, Progress
+from calib_model.topics import ARM_DESCRIPTION, PROBE_DESCRIPTION
 from calib_solver.calibration.duplicate_poses import find_duplicates
 from calib_solver.calibration.labelled_bags import Part, RawSpheres, read_part
 from calib_solver.held_out import refuse_other_instruments, refuse_other_probe
@@ -41,7 +43,7 @@ class Sources:
     """Bags that make one measurement, and YAML files that take the place of their descriptions;
     `links` is a YAML or URDF file with what the arm's links weigh. Bags without poses are paired
     and sorted as `raw` says, `anew` those with poses, too. `temperature` is the gauge's, in place
-    of what the bags' notes say."""
+    of what the bags' notes say, `instead` is taken for descriptions that a bag does not have."""
 
     bags: tuple[str, ...]
     arm: str = ''
@@ -51,6 +53,7 @@ class Sources:
     raw: RawSettings = RawSettings()
     anew: bool = False
     temperature: Temperature | None = None
+    instead: Instruments = Instruments()
 
 
 def bag_list(text: str) -> tuple[str, ...]:
@@ -127,7 +130,8 @@ def load_all(sources: Sources, progress: Progress | None = None) -> Loaded:
                 'these alone, all else takes probing poses'
             )
         pace = Pace(progress, f'reading {bag}', 'MB', 1e6)
-        found.append(read_part(bag, given, sources.raw, sources.anew, pace))
+        known = _completed(given, sources.instead, bag)
+        found.append(read_part(bag, known, sources.raw, sources.anew, pace))
         pace.end()
     sorted_bags = [part.raw for part in found if part.raw is not None]
     if not sorted_bags:
@@ -145,6 +149,16 @@ def load_all(sources: Sources, progress: Progress | None = None) -> Loaded:
     )
     measured = _at_its_temperature(measured, sources)
     return Loaded(measured, replace(raw, locations=locations)).without_duplicates()
+
+
+def _completed(given: Instruments, instead: Instruments, bag: str) -> Instruments:
+    """What was given, and what stands in for descriptions that are not in the bag."""
+    topics = listed_topics(bag)
+    if not topics:  # it may have them
+        return given
+    arm = None if ARM_DESCRIPTION.name in topics else instead.arm
+    probe = None if PROBE_DESCRIPTION.name in topics else instead.probe
+    return replace(given, arm=given.arm or arm, probe=given.probe or probe)
 
 
 def _at_its_temperature(measured: Measurement, sources: Sources) -> Measurement:
