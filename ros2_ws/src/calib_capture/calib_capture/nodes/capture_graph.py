@@ -31,6 +31,7 @@ from calib_capture.recording import (
     MeasuringRun,
     Numbered,
     Origin,
+    PoseTaker,
     ProgramSession,
     Publishers,
     Recorder,
@@ -99,7 +100,7 @@ class CaptureNode(Node):
         self._undone = self.create_publisher(
             ProbingPose, CAPTURE_UNDONE.name, qos_of(CAPTURE_UNDONE)
         )
-        self.taking = TakeServices(self, self._taking_session)
+        self.taking = TakeServices(self, self._pose_taker)
         self._listen_for_descriptions()
         # of the wall's time, also where a bag's time rules: it stands still when nothing plays
         self.create_timer(TICK, self._tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -281,8 +282,19 @@ class CaptureNode(Node):
         recorder = self._recorder(earlier)
         finder = SphereFinder(self.arm, self.probe, self.gauge, noted.placements, noted.spheres)
         planned = len(finder.labels) * asked.program.poses_per_sphere
+        run, taker = HandGuidedRun(finder, noted.settings, planned), None
+        if isinstance(self.probe, PassiveProbe):
+            taker = PoseTaker(
+                self.arm,
+                self.probe,
+                recorder,
+                self._undone.publish,
+                now,
+                time.time_ns,
+                run.sphere_at,
+            )
         session = HandGuidedSession(
-            HandGuidedRun(finder, noted.settings, planned),
+            run,
             ClockEstimate(self.arm, self.probe, self.gauge),
             recorder,
             noted,
@@ -291,6 +303,7 @@ class CaptureNode(Node):
             time.time_ns,
             asked.silence,
             asked.correct_clock,
+            taker,
         )
         self._session = session
         early, self._early = self._early, []
@@ -314,20 +327,15 @@ class CaptureNode(Node):
         self.failure = None
         self._count_anew()
         self._early.clear()
-        session = TakingSession(
-            self.arm,
-            self.probe,
-            self._recorder(earlier),
-            self._undone.publish,
-            time.monotonic,
-            time.time_ns,
-            self.asked.silence,
-        )
+        recorder, now = self._recorder(earlier), time.monotonic
+        taker = PoseTaker(self.arm, self.probe, recorder, self._undone.publish, now, time.time_ns)
+        session = TakingSession(taker, recorder, now, time.time_ns, self.asked.silence)
         self._session = session
         return session
 
-    def _taking_session(self) -> TakingSession | None:
-        return self._session if isinstance(self._session, TakingSession) else None
+    def _pose_taker(self) -> PoseTaker | None:
+        session = self._session
+        return session.taker if isinstance(session, TakingSession | HandGuidedSession) else None
 
     def _count_anew(self) -> None:
         self._odd = self._left_out = 0

@@ -11,31 +11,31 @@ from collections.abc import Callable
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from calib_capture.recording import TakeError, TakingSession
+from calib_capture.recording import PoseTaker, TakeError, TakingSession
 from calib_model.errors import BagError
 
-NONE = 'no hand-guided session without readings is under way, poses are taken in one alone'
+NONE = 'no hand-guided session with a passive probe is under way, poses are taken in one alone'
 KEYS = 'Enter takes a pose, u and Enter takes the last one back, q and Enter ends'
 
 
 class TakeServices:
-    """Answers in the session that `session` gives, None when there is none."""
+    """Answers by what `taker` gives, None when there is nothing to be taken."""
 
-    def __init__(self, node: Node, session: Callable[[], TakingSession | None]) -> None:
+    def __init__(self, node: Node, taker: Callable[[], PoseTaker | None]) -> None:
         self._node = node
-        self._session = session
-        node.create_service(Trigger, '/capture/take', self._answering(TakingSession.take))
-        node.create_service(Trigger, '/capture/undo', self._answering(TakingSession.undo))
+        self._taker = taker
+        node.create_service(Trigger, '/capture/take', self._answering(PoseTaker.take))
+        node.create_service(Trigger, '/capture/undo', self._answering(PoseTaker.undo))
 
     def _answering(
-        self, act: Callable[[TakingSession], str]
+        self, act: Callable[[PoseTaker], str]
     ) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
         def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            session = self._session()
-            if session is None:
+            taker = self._taker()
+            if taker is None:
                 response.message = NONE
                 return response
-            response.success, response.message = done(session, act)
+            response.success, response.message = done(taker, act)
             self._node.get_logger().info(response.message)
             return response
 
@@ -60,8 +60,8 @@ class Keys:
             elif line.strip().lower() == 'q':
                 return True
             elif line.strip().lower() in ('', 'u'):
-                what = TakingSession.undo if line.strip() else TakingSession.take
-                self._say(done(session, what)[1])
+                what = PoseTaker.undo if line.strip() else PoseTaker.take
+                self._say(done(session.taker, what)[1])
             else:
                 self._say(KEYS)
         return False
@@ -75,9 +75,9 @@ def _in_front() -> bool:
         return False
 
 
-def done(session: TakingSession, act: Callable[[TakingSession], str]) -> tuple[bool, str]:
+def done(taker: PoseTaker, act: Callable[[PoseTaker], str]) -> tuple[bool, str]:
     """Whether it could be done, and what there is to say."""
     try:
-        return True, act(session)
+        return True, act(taker)
     except (TakeError, BagError) as error:
         return False, str(error)

@@ -48,6 +48,7 @@ if TYPE_CHECKING:
         pose_at_rest as pose_at_rest,
     )
     from calib_capture.recording.taking_session import (
+        PoseTaker as PoseTaker,
         TakeError as TakeError,
         TakenTally as TakenTally,
         TakingSession as TakingSession,

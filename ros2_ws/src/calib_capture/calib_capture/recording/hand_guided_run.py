@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calib_model.arrays import Array
+from calib_model.instruments import STYLI
 from calib_model.labelling import NOWHERE, UNTOUCHED, SphereFinder
 from calib_model.pairing import (
     REASONS,
@@ -51,11 +52,12 @@ class HandGuidedTally:
     paired: int = 0
     refused: Counter[str] = field(default_factory=Counter)
     spheres: Counter[Held] = field(default_factory=Counter)
+    by_hand: int = 0  # poses that somebody asked for besides
 
     @property
     def taken(self) -> int:
         """How many poses there are."""
-        return sum(self.spheres.values())
+        return sum(self.spheres.values()) + self.by_hand
 
     @property
     def done(self) -> int:
@@ -77,8 +79,8 @@ class HandGuidedTally:
         why = ', '.join(f'{count} {reason}' for reason, count in self.refused.most_common())
         refused = f', {sum(self.refused.values())} refused ({why})' if why else ''
         return (
-            f'{self.taken} poses of {len(self.spheres)} spheres taken from {self.readings} '
-            f'readings, {self.paired} paired{refused}'
+            f'{self.taken - self.by_hand} poses of {len(self.spheres)} spheres taken from '
+            f'{self.readings} readings, {self.paired} paired{refused}'
         )
 
 
@@ -110,6 +112,12 @@ class HandGuidedRun:
         for pose in poses:
             self.tally.spheres[Held(pose.location, pose.sphere)] += 1
         return poses
+
+    def sphere_at(self, joints: Array) -> tuple[int, int]:
+        """Location and sphere that a posture (n,) of a passive probe is at; zeros where none is
+        known there."""
+        row = int(self._finder.rows(joints[None], np.zeros((1, STYLI)))[0])
+        return self._finder.labels[row] if row >= 0 else (0, 0)
 
     def start_over(self) -> None:
         """Take back what is not certain yet."""

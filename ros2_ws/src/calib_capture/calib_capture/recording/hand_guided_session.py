@@ -15,6 +15,7 @@ from calib_capture.recording.hand_guided_record import (
 from calib_capture.recording.hand_guided_run import HandGuidedRun, HandGuidedTally
 from calib_capture.recording.program_session import BACK
 from calib_capture.recording.recorder import Recorder
+from calib_capture.recording.taking_session import PoseTaker
 from calib_model.bags import cdr
 from calib_model.pairing import (
     BRIDGED,
@@ -40,7 +41,8 @@ class HandGuidedSession:
 
     With `correct` all pairing waits until the offset between the clocks is known; the raw streams
     are recorded meanwhile. `note` says how to pair, `clock` gives seconds, `wall` ns for the bag.
-    It has finished after `silence` s without a message.
+    It has finished after `silence` s without a message. Where there is a `taker`, poses can be
+    taken by hand besides.
     """
 
     def __init__(
@@ -54,8 +56,10 @@ class HandGuidedSession:
         wall: Callable[[], int],
         silence: float,
         correct: bool = False,
+        taker: PoseTaker | None = None,
     ) -> None:
         self.run = run
+        self.taker = taker
         self.recorder = recorder
         self.shift = note.shift
         self._estimate = estimate
@@ -85,6 +89,8 @@ class HandGuidedSession:
         self.recorder.raw(JOINT_STATES, raw, self._wall())
         self._estimate.see_joints(sample)
         self._newest[0] = sample.stamp
+        if self.taker is not None:
+            self.taker.see(sample)
         self._take(sample)
 
     def take_reading(self, reading: Reading, raw: bytes) -> None:
@@ -98,6 +104,8 @@ class HandGuidedSession:
         """A message has come that may be of another arm or probe than the bag's: it is left out of
         the bag, too, so that nobody pairs it later."""
         self._heard = self._clock()
+        if self.taker is not None:
+            self.taker.forget()
         if self._pairing is not None:
             self._paired += self._pairing.start_over()
         self._choose()
@@ -125,6 +133,8 @@ class HandGuidedSession:
         assert self._pairing is not None
         self._paired += self._pairing.finish()
         self._choose()
+        if self.taker is not None:
+            self.tally.by_hand = self.taker.tally.taken
         self._estimate.finish()
         found = self._estimate.estimate()
         self.recorder.note(CLOCK_NOTE, clock_content(found, self.shift))
@@ -136,10 +146,12 @@ class HandGuidedSession:
         late = self._pairing.late_joints if self._pairing is not None else 0
         back = self._pairing.steps_back if self._pairing is not None else 0
         bridged = self._pairing.bridged if self._pairing is not None else 0
+        taken = self.taker.tally if self.taker is not None else None
+        by_hand = [taken.line()] if taken is not None and (taken.taken or taken.undone) else []
         parts = [f'{late} joint states out of order'] if late else []
         parts += [BACK.format(back)] if back else []
         parts += [BRIDGED.format(bridged)] if bridged else []
-        return '; '.join([*parts, self._clock_line]) + apart(*self._newest)
+        return '; '.join([*by_hand, *parts, self._clock_line]) + apart(*self._newest)
 
     def _pair_with(self, shift: int) -> None:
         """Pair from now on, and what was held back, with readings `shift` ns later."""

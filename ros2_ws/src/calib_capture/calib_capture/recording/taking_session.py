@@ -1,10 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A hand-guided session without probe readings: a pose is taken when somebody asks. No graph.
-
-The ball on the arm sits in a socket, so the joints of the moment are the pose. Which socket it is
-nobody has to say: the poses are recorded without a sphere's number, and sorted when they are
-identified from.
-"""
+"""A hand-guided session without probe readings: a pose is taken when somebody asks. No graph."""
 
 from __future__ import annotations
 
@@ -30,6 +25,7 @@ from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS, Topic
 MOMENT = 0.2  # s of joint states that are looked at
 FASTEST = 0.05  # rad/s: more and the hand does not hold the arm
 OLD = 0.5  # s after which joint states are no longer those of the moment
+UNTOLD = (0, 0)  # location and sphere that nobody has told
 ENOUGH = 6  # poses from which on it can be told in how many sockets they are
 
 
@@ -67,11 +63,14 @@ class TakingRun:
         return math.nan
 
 
-class TakingSession:
-    """Keeps the last joint states, and makes one a pose when asked.
+class PoseTaker:
+    """Keeps the last joint states of an arm whose ball sits in a socket, and makes a pose of the
+    moment when asked. In which socket nobody has to say: poses are recorded without a sphere's
+    number, unless `told` knows location and sphere of a posture (n,), and sorted when they are
+    identified from.
 
     `undone` gets the CDR bytes of each pose that was taken back, once that is on disk. `clock`
-    gives seconds, `wall` ns for the bag. It has finished after `silence` s without a message.
+    gives seconds, `wall` ns for the bag.
     """
 
     def __init__(
@@ -82,50 +81,27 @@ class TakingSession:
         undone: Callable[[bytes], None],
         clock: Callable[[], float],
         wall: Callable[[], int],
-        silence: float,
+        told: Callable[[Array], tuple[int, int]] = lambda posture: UNTOLD,
     ) -> None:
-        self.recorder = recorder
         self.tally = TakenTally()
-        self.run = TakingRun()
-        self._arm, self._probe, self._undone = arm, probe, undone
-        self._clock, self._wall, self._silence = clock, wall, silence
-        self._heard = clock()
+        self._arm, self._probe, self._recorder = arm, probe, recorder
+        self._undone, self._clock, self._wall, self._told = undone, clock, wall, told
+        self._heard = -math.inf
         self._samples: deque[JointSample] = deque()
         self._poses: list[Any] = []
 
-    @property
-    def finished(self) -> bool:
-        """Whether the joint states have ended."""
-        return self._clock() - self._heard > self._silence
-
-    def take_joints(self, sample: JointSample, raw: bytes) -> None:
-        """A joint state has come; `raw` are its CDR bytes."""
+    def see(self, sample: JointSample) -> None:
+        """A joint state has come."""
         self._heard = self._clock()
-        self.recorder.raw(JOINT_STATES, raw, self._wall())
         if self._samples and sample.stamp <= self._samples[-1].stamp:
             self._samples.clear()
         self._samples.append(sample)
         while len(self._samples) > 2 and self._samples[1].stamp < sample.stamp - MOMENT * SECOND:
             self._samples.popleft()
 
-    def take_reading(self, _: Reading, raw: bytes) -> None:
-        """A reading has come after all: it is recorded, and says nothing here."""
-        self.recorder.raw(PROBE_DISPLACEMENTS, raw, self._wall())
-
-    def start_over(self, _: Topic) -> None:
-        """A message has come that may be of another arm than the bag's: it is left out."""
-        self._heard = self._clock()
+    def forget(self) -> None:
+        """What comes next may be of another arm."""
         self._samples.clear()
-
-    def tick(self) -> None:
-        """Nothing is due without a message."""
-
-    def finish(self) -> None:
-        """Nothing is left over."""
-
-    def remarks(self) -> str:
-        """What there is to say at the end, beside the counts."""
-        return ''
 
     def take(self) -> str:
         """Take the pose of the moment; it is on disk when this returns. Says which it is.
@@ -140,14 +116,13 @@ class TakingSession:
         pose = cdr.probing_pose(
             newest.stamp,
             self._arm.base_frame,
-            0,
-            0,
+            *self._told(posture),
             posture,
             np.zeros(3),
             len(self._samples),
         )
-        self.recorder.pose(cdr.encode(pose), self._wall())
-        self.recorder.commit()
+        self._recorder.pose(cdr.encode(pose), self._wall())
+        self._recorder.commit()
         self._poses.append(pose)
         self.tally.taken += 1
         return f'pose {self.tally.taken} taken{self._remark()}'
@@ -161,7 +136,7 @@ class TakingSession:
         if not self._poses:
             raise TakeError('nothing was taken that could be taken back')
         data = cdr.encode(self._poses.pop())
-        self.recorder.undone(data, self._wall())
+        self._recorder.undone(data, self._wall())
         self._undone(data)
         self.tally.taken -= 1
         self.tally.undone += 1
@@ -189,3 +164,60 @@ class TakingSession:
         place = sockets(self._arm, self._probe, joints)
         mine = sum(each == place[-1] for each in place)
         return f', {mine} in this socket, one of {len(set(place))} so far'
+
+
+class TakingSession:
+    """Records the joint states; the poses are those that its `taker` is asked for.
+
+    `clock` gives seconds, `wall` ns for the bag. It has finished after `silence` s without a
+    message.
+    """
+
+    def __init__(
+        self,
+        taker: PoseTaker,
+        recorder: Recorder,
+        clock: Callable[[], float],
+        wall: Callable[[], int],
+        silence: float,
+    ) -> None:
+        self.taker = taker
+        self.recorder = recorder
+        self.run = TakingRun()
+        self._clock, self._wall, self._silence = clock, wall, silence
+        self._heard = clock()
+
+    @property
+    def tally(self) -> TakenTally:
+        """How it is going."""
+        return self.taker.tally
+
+    @property
+    def finished(self) -> bool:
+        """Whether the joint states have ended."""
+        return self._clock() - self._heard > self._silence
+
+    def take_joints(self, sample: JointSample, raw: bytes) -> None:
+        """A joint state has come; `raw` are its CDR bytes."""
+        self._heard = self._clock()
+        self.recorder.raw(JOINT_STATES, raw, self._wall())
+        self.taker.see(sample)
+
+    def take_reading(self, _: Reading, raw: bytes) -> None:
+        """A reading has come after all: it is recorded, and says nothing here."""
+        self.recorder.raw(PROBE_DISPLACEMENTS, raw, self._wall())
+
+    def start_over(self, _: Topic) -> None:
+        """A message has come that may be of another arm than the bag's: it is left out."""
+        self._heard = self._clock()
+        self.taker.forget()
+
+    def tick(self) -> None:
+        """Nothing is due without a message."""
+
+    def finish(self) -> None:
+        """Nothing is left over."""
+
+    def remarks(self) -> str:
+        """What there is to say at the end, beside the counts."""
+        return ''
