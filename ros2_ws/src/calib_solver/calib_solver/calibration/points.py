@@ -50,6 +50,7 @@ class PointCalibration:
     held_out: HeldOutPoints | None
     record: Record
     written: tuple[Path, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def verdict(self) -> str:

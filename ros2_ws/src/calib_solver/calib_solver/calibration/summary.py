@@ -121,7 +121,7 @@ def _counted(things: Sequence[object], name: str) -> str:
     return f'{len(things)} {name}{"" if len(things) == 1 else "s"}'
 
 
-def in_one_line(calibration: Calibration) -> str:
+def in_one_line(calibration: Calibration | PointCalibration) -> str:
     """How it went, and the warnings behind it, in one line of bounded length."""
     warnings = calibration.record['warnings']
     line = calibration.verdict

@@ -19,6 +19,7 @@ from calib_interfaces.msg import (
     LengthQuality,
     LimitJudgement,
     MeasuringArm,
+    OrientationQuality,
     ParameterChange,
     PositionQuality,
     PriorChoice,
@@ -27,6 +28,7 @@ from calib_interfaces.msg import (
     ProbeFitReport,
     Quality,
     Readings,
+    RejectedPoint,
     RejectedPose,
     RepeatabilityCorrection,
     Repetitions,
@@ -36,6 +38,8 @@ from calib_interfaces.msg import (
     SinglePointQuality,
     SolverReport,
     StandardFigures,
+    StationPlace,
+    TargetPlace,
     TriedJointErrors,
     TwoSigmaQuality,
 )
@@ -69,20 +73,32 @@ def filled(message: Any, record: Record) -> Any:
     return message
 
 
+def unfilled(message: Any) -> Any:
+    """`message` with NaN in all its float fields."""
+    return filled(message, dict.fromkeys(message.get_fields_and_field_types()))
+
+
 def quality(record: Record) -> Quality:
-    """Q of the contract."""
-    return Quality(
-        phi=record['phi'],
-        distance=filled(DistanceQuality(), record['distance']),
-        two_sigma=filled(TwoSigmaQuality(), record['two_sigma']),
-        position=filled(PositionQuality(), record['position']),
-        measuring_arm=measuring_arm(record['measuring_arm']),
-        standards=filled(StandardFigures(), record['standards']),
-    )
+    """Q of the contract; what only a gauge or only orientations tell is NaN without."""
+    parts = {
+        'distance': DistanceQuality(),
+        'two_sigma': TwoSigmaQuality(),
+        'position': PositionQuality(),
+        'standards': StandardFigures(),
+        'orientation': OrientationQuality(),
+    }
+    told = {
+        name: filled(part, record[name]) if record.get(name) is not None else unfilled(part)
+        for name, part in parts.items()
+    }
+    arm = measuring_arm(record['measuring_arm'])
+    return Quality(phi=record['phi'], measuring_arm=arm, **told)
 
 
-def measuring_arm(record: Record) -> MeasuringArm:
+def measuring_arm(record: Record | None) -> MeasuringArm:
     """The arm as a measuring arm; what could not be computed counts nothing."""
+    if record is None:
+        return MeasuringArm()
     return MeasuringArm(
         basis=record['basis'],
         single_point=filled(SinglePointQuality(), record['single_point'] or {}),
@@ -118,6 +134,24 @@ def probe_fit(record: Record) -> ProbeFitReport:
 def rejected(records: list[Record]) -> list[RejectedPose]:
     """Poses left out."""
     return [filled(RejectedPose(), record) for record in records]
+
+
+def rejected_points(records: list[Record]) -> list[RejectedPoint]:
+    """Measured points left out."""
+    return [filled(RejectedPoint(), record) for record in records]
+
+
+def targets(records: list[Record]) -> list[TargetPlace]:
+    """Targets on the flange; those without a measured orientation have no rotation."""
+    found = [filled(TargetPlace(), record) for record in records]
+    for message, record in zip(found, records, strict=True):
+        message.has_rotation = record['rotation_vector'] is not None
+    return found
+
+
+def stations(records: list[Record]) -> list[StationPlace]:
+    """The arm's base in the frame of each tracker."""
+    return [filled(StationPlace(), record) for record in records]
 
 
 def diagnostics(record: Record) -> Diagnostics:

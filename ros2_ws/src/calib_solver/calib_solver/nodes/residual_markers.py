@@ -8,6 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calib_model.arrays import Array, frozen
+from calib_model.instruments import Arm
+from calib_model.kinematics import Correction
+from calib_solver.points import PointIdentification, PointQuality, flange_of
 from calib_solver.problem import Problem
 from calib_solver.quality import Quality
 
@@ -37,11 +40,28 @@ def residuals(
     )
 
 
+def point_residuals(done: PointIdentification, magnification: float) -> tuple[Residuals, Residuals]:
+    """The same of measured points: from each to where its target is predicted."""
+
+    def lines(quality: PointQuality, arm: Arm, correction: Correction | None = None) -> Array:
+        points = flange_of(done.problem, arm, correction).points(done.problem, quality.places)
+        return _between(points - quality.position, quality.position, magnification)
+
+    return (
+        Residuals('before', lines(done.initial, done.problem.arm), RED),
+        Residuals('after', lines(done.identified, done.arm, done.correction), GREEN),
+    )
+
+
 def _lines(problem: Problem, quality: Quality, magnification: float) -> Array:
     of_pose = np.empty(len(quality.deviation), np.int64)
     for sphere in range(len(problem.counts)):
         of_pose[problem.rows(sphere)] = sphere
-    every = max(1, -(-len(of_pose) // SHOWN))
-    center = quality.spheres.center[of_pose[::every]]
-    ends = center + magnification * quality.deviation[::every]
-    return frozen(np.stack([center, ends], axis=1).reshape(-1, 3))
+    return _between(quality.spheres.center[of_pose], quality.deviation, magnification)
+
+
+def _between(begin: Array, away: Array, magnification: float) -> Array:
+    every = max(1, -(-len(begin) // SHOWN))
+    begin = begin[::every]
+    ends = begin + magnification * away[::every]
+    return frozen(np.stack([begin, ends], axis=1).reshape(-1, 3))

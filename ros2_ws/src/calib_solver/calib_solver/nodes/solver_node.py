@@ -38,8 +38,10 @@ from calib_solver.calibration import (
     Sources,
     bag_list,
     calibrate,
+    calibrate_points,
     evaluation_record,
     fit_probe_from,
+    hold_points,
     in_one_line,
 )
 from calib_solver.compensation import TargetTable, compensate_file, rows_of
@@ -47,7 +49,8 @@ from calib_solver.error_models import chosen_kinds
 from calib_solver.fitting import Options, chosen_prior
 from calib_solver.identification import Identification
 from calib_solver.nodes import messages
-from calib_solver.nodes.residual_markers import residuals
+from calib_solver.nodes.residual_markers import point_residuals, residuals
+from calib_solver.points import PointIdentification
 from calib_solver.resampling import Plan
 from calib_solver.results import checked_limits
 
@@ -119,7 +122,7 @@ class SolverNode(Node):
     def __init__(self) -> None:
         super().__init__('solver')
         self._magnification, self._opened = read_parameters(self, self._magnify)
-        self._last: Identification | None = None
+        self._last: Identification | PointIdentification | None = None
         self._markers = self.create_publisher(
             MarkerArray, SOLVER_MARKERS.name, qos_of(SOLVER_MARKERS)
         )
@@ -169,8 +172,10 @@ class SolverNode(Node):
             request.output,
             request.scheduler,
         )
+        sources = _with_raw(request)
+        points = hold_points(sources)
         options = Options(
-            request.objective or Options.objective,
+            request.objective or ('position' if points else Options.objective),
             tuple(request.fix),
             tuple(request.free),
             chosen_prior(request.prior),
@@ -180,8 +185,9 @@ class SolverNode(Node):
             quick=request.quick,
         )
         plan = Plan(request.monte_carlo, request.bootstrap, request.seed)
-        finished = calibrate(
-            _with_raw(request),
+        work = calibrate_points if points else calibrate
+        finished = work(
+            sources,
             options,
             bag_list(request.test),
             request.output,
@@ -203,7 +209,12 @@ class SolverNode(Node):
         if record['probe_fit'] is not None:
             response.has_probe_fit = True
             response.probe_fit = messages.probe_fit(record['probe_fit'])
-        response.rejected = messages.rejected(record['rejected'])
+        if points:
+            response.rejected_points = messages.rejected_points(record['rejected'])
+            response.targets = messages.targets(record['targets'])
+            response.stations = messages.stations(record['stations'])
+        else:
+            response.rejected = messages.rejected(record['rejected'])
         response.diagnostics = messages.diagnostics(record['diagnostics'])
         if record['resampling'] is not None:
             response.has_resampling = True
@@ -229,10 +240,13 @@ class SolverNode(Node):
         if self._last is not None:
             self._show(self._last)
 
-    def _show(self, done: Identification) -> None:
+    def _show(self, done: Identification | PointIdentification) -> None:
         """Every pose's residual before and after, magnified."""
         self._last = done
-        shown = residuals(done.problem, done.initial, done.identified, self._magnification)
+        if isinstance(done, PointIdentification):
+            shown = point_residuals(done, self._magnification)
+        else:
+            shown = residuals(done.problem, done.initial, done.identified, self._magnification)
         self._markers.publish(messages.residual_markers(done.arm.base_frame, shown))
 
     def _fit_probe(self, request: FitProbe.Request, response: FitProbe.Response) -> None:
@@ -249,8 +263,12 @@ class SolverNode(Node):
         self._opened.permit([request.bag, *_descriptions(request), request.correction], '')
         record = evaluation_record(_sources(request), request.correction)
         response.quality = messages.quality(record)
-        response.spheres = messages.spheres(record['spheres'])
-        response.message = f'{len(record["spheres"])} spheres evaluated'
+        response.spheres = messages.spheres(record.get('spheres', []))
+        response.message = (
+            f'{len(record["spheres"])} spheres evaluated'
+            if 'spheres' in record
+            else f'{record["position"]["count"]} points evaluated'
+        )
 
     def _compensate(self, request: Compensate.Request, response: Compensate.Response) -> None:
         def rows(n: int) -> TargetTable:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         HeldOutPoints as HeldOutPoints,
         PointQuality as PointQuality,
         fitted_quality as fitted_quality,
+        flange_of as flange_of,
     )
 else:
     __getattr__, __dir__, __all__ = lazily(__name__, __file__)
