@@ -41,7 +41,7 @@ class PointSet:
         kinds = {'target': np.str_, 'station': np.int64, 'stamp': np.int64}
         for column in fields(self):
             values: NDArray[Any] = np.array(
-                getattr(self, column.name), dtype=kinds.get(column.name, np.float64)
+                getattr(self, column.name), dtype=kinds.get(column.name, np.float64), order='C'
             )
             values.setflags(write=False)
             object.__setattr__(self, column.name, values)

@@ -109,6 +109,11 @@ class Identification:
         )
 
     @property
+    def place_shares(self) -> None:
+        """Targets and stations are of measured points alone."""
+        return None
+
+    @property
     def gauge(self) -> Gauge:
         """What was probed, as long as it was taken to be."""
         return self.problem.measured.gauge

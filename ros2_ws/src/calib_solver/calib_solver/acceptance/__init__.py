@@ -18,8 +18,13 @@ if TYPE_CHECKING:
         write_comparison as write_comparison,
         write_verification as write_verification,
     )
-    from calib_solver.acceptance.verification import (
+    from calib_solver.acceptance.point_verification import (
+        PointVerification as PointVerification,
+    )
+    from calib_solver.acceptance.verdict import (
         FAILED as FAILED,
+    )
+    from calib_solver.acceptance.verification import (
         Verification as Verification,
         verification_lines as verification_lines,
         verify as verify,

@@ -14,6 +14,7 @@ from calib_model.errors import CalibrationError
 from calib_model.files import write_whole
 from calib_solver import report
 from calib_solver.acceptance.history import History, Step, step_lines
+from calib_solver.acceptance.point_verification import PointVerification
 from calib_solver.acceptance.verification import Verification, verification_lines
 from calib_solver.report import Band, Chart, Series
 
@@ -29,7 +30,7 @@ GROUPS = (
 )
 
 
-def write_verification(found: Verification, folder: str) -> Path:
+def write_verification(found: Verification | PointVerification, folder: str) -> Path:
     """Write `verification.html` to a folder.
 
     Raises:
@@ -56,7 +57,13 @@ def write_verification(found: Verification, folder: str) -> Path:
     quality = [
         [label, report.mm(record['nominal'][group][key]), report.mm(record['quality'][group][key])]
         for label, group, key in GROUPS
+        if record['quality'][group] is not None
     ]
+    charts = (
+        [_point_chart(found)]
+        if isinstance(found, PointVerification)
+        else _verification_charts(found)
+    )
     sections = [
         f'<header><p class="kind">Verification</p>{report.heading(title)}',
         report.paragraph(f'The calibration in {found.result.folder} on new poses{when}.', 'faint'),
@@ -71,15 +78,15 @@ def write_verification(found: Verification, folder: str) -> Path:
             'Against what the calibration states',
             report.paragraph(
                 'Errors on the new poses, what the calibration states for them with the '
-                'uncertainty of its parameters, of the certificate and of single poses, and the '
-                'bound that both keep to in 95 of 100 cases.'
+                'uncertainty of its parameters, of what they were held against and of single '
+                'poses, and the bound that both keep to in 95 of 100 cases.'
             ),
             report.table('', ['', 'found, mm', 'stated, mm', 'bound, mm', ''], stated, (1, 2, 3)),
         ),
         report.section(
             'Figures', report.table('', ['mm', 'nominal', 'calibrated'], quality, (1, 2))
         ),
-        report.section('Pose by pose', report.side_by_side(_verification_charts(found))),
+        report.section('Pose by pose', report.side_by_side(charts)),
     ]
     return _written(folder, 'verification.html', report.document(title, sections))
 
@@ -117,6 +124,26 @@ def _verification_charts(found: Verification) -> list[Chart]:
             )
         )
     return charts
+
+
+def _point_chart(found: PointVerification) -> Chart:
+    problem = found.problem
+    names = tuple(
+        f'point {place}, target {problem.targets[target]}, station {problem.stations[station]}'
+        for place, target, station in zip(
+            problem.order, problem.target, problem.station, strict=True
+        )
+    )
+    return Chart(
+        'position',
+        'Position errors',
+        'Distance of each measured point to where it is predicted, by station.',
+        'station, each with its points',
+        'mm',
+        _before_and_after(found.nominal.distance, found.quality.distance, names),
+        logarithmic=True,
+        bands=_bands(np.array(problem.stations)[problem.station]),
+    )
 
 
 def _before_and_after(

@@ -44,7 +44,7 @@ class Stated:
 
 
 @dataclass(frozen=True)
-class _Moments:
+class Moments:
     """Mean and variance of a sum of squares, m^2 and m^4."""
 
     mean: float
@@ -138,7 +138,7 @@ def _roots(result: StoredResult, problem: Problem, slope: Array, by_center: Arra
     return np.concatenate([by_noise, slope @ (shares.prior * shares.width), by_gauge], axis=1)
 
 
-def _positions(errors: _Errors) -> _Moments:
+def _positions(errors: _Errors) -> Moments:
     """Of the sum of squares of all poses' distances to the certificate as placed."""
     problem, slope, turned = errors.problem, errors.slope, errors.turned
     of_pose = np.repeat(np.arange(len(problem.counts)), problem.counts)
@@ -168,10 +168,10 @@ def _positions(errors: _Errors) -> _Moments:
         variance += 4 * float(np.einsum('nkr,nkl,nlr->', seen, noise, seen, optimize=True))
     flat = left.reshape(-1, left.shape[2])
     gram = flat.T @ flat
-    return _Moments(mean + float(np.trace(gram)), variance + 2 * float((gram**2).sum()))
+    return Moments(mean + float(np.trace(gram)), variance + 2 * float((gram**2).sum()))
 
 
-def _distances(errors: _Errors) -> _Moments:
+def _distances(errors: _Errors) -> Moments:
     """Of the sum of squares of the distances' errors."""
     problem, turned = errors.problem, errors.turned
     first, second = problem.pairs.T
@@ -189,4 +189,4 @@ def _distances(errors: _Errors) -> _Moments:
     to_means[rows, first] = unit
     to_means[rows, second] = -unit
     covariance += np.einsum('msk,skl,nsl->mn', to_means, mean_noise, to_means, optimize=True)
-    return _Moments(float(np.trace(covariance)), 2 * float((covariance**2).sum()))
+    return Moments(float(np.trace(covariance)), 2 * float((covariance**2).sum()))

@@ -42,7 +42,7 @@ class StoredResult:
         """The probe where it was taken to be before."""
         rows = {row['name']: float(row['initial']) for row in self.record['parameters']}
         if PROBE_PARAMETERS[0] not in rows:
-            return self.probe  # a target: no part of the parameters
+            return self.probe.mounted(RigidTransform())  # a target is no part of the parameters
         mount = np.array([rows[name] for name in PROBE_PARAMETERS])
         return self.probe.mounted(RigidTransform(mount[:3], mount[3:]))
 

@@ -9,11 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib_model.descriptions import read_description
+from calib_model.errors import DataError
 from calib_model.labelling import Instruments
 from calib_model.progress import Progress
+from calib_solver.acceptance.point_verification import PointVerification, verify_points
 from calib_solver.acceptance.prediction import Stated, stated_errors
 from calib_solver.acceptance.stored_result import StoredResult, read_result
-from calib_solver.calibration import Sources, duplicate_lines, load_all, unread_lines
+from calib_solver.acceptance.verdict import limit_lines, verdict_of, verdict_words
+from calib_solver.calibration import Sources, duplicate_lines, hold_points, load_all, unread_lines
 from calib_solver.held_out import refuse_other_instruments
 from calib_solver.problem import Problem
 from calib_solver.quality import Quality, assess
@@ -26,8 +29,6 @@ from calib_solver.results import (
     reading_times,
     sphere_records,
 )
-
-PASSED, FAILED, WITHIN, BEYOND = 'passed', 'failed', 'within', 'beyond'
 
 
 @dataclass(frozen=True)
@@ -53,9 +54,7 @@ class Verification:
     @property
     def verdict(self) -> str:
         """`passed` or `failed` by limits; without any, `within` or `beyond` what was stated."""
-        if self.limits:
-            return PASSED if all(one.passed for one in self.limits) else FAILED
-        return WITHIN if self.within else BEYOND
+        return verdict_of(self.limits, self.within)
 
     def worst(self) -> Record:
         """The pose that is farthest from its place, as it is numbered in the measurement from 0."""
@@ -102,9 +101,9 @@ def verify(
     limits: str = '',
     progress: Progress | None = None,
     more: Mapping[str, float] | None = None,
-) -> Verification:
-    """The calibration in `folder` on the poses of bags, none of them left out; `limits` is a
-    file's path, `more` are limits (m) beside those of the file.
+) -> Verification | PointVerification:
+    """The calibration in `folder` on the poses, or measured points, of bags, none of them left
+    out; `limits` is a file's path, `more` are limits (m) beside those of the file.
 
     Raises:
         CalibrationError: a bag, the result or the limits cannot be used, or a limit is set for
@@ -113,6 +112,13 @@ def verify(
     allowed = read_description(limits, parse_limits) if limits else {}
     allowed |= dict(more or {})
     result = read_result(folder)
+    if hold_points(sources):
+        return verify_points(sources, result, allowed)
+    if result.stated.places is not None:
+        raise DataError(
+            f'{folder}: calibrated by measured points, {", ".join(sources.bags)} holds probing '
+            'poses: the place of its probe on the flange is not known'
+        )
     instead = Instruments(result.arm, result.probe)  # of a bag of raw topics alone
     loaded = load_all(replace(sources, instead=instead), progress)
     correction = result.calibrated.correction
@@ -136,8 +142,10 @@ def verify(
     )
 
 
-def verification_lines(found: Verification) -> list[str]:
+def verification_lines(found: Verification | PointVerification) -> list[str]:
     """The verification for people, mm."""
+    if isinstance(found, PointVerification):
+        return found.lines()
     lines = list(found.notes)
     locations = len(found.problem.locations)
     lines.append(
@@ -156,10 +164,4 @@ def verification_lines(found: Verification) -> list[str]:
         f'farthest from its place: pose {worst["pose"]}, location {worst["location"]}, sphere '
         f'{worst["sphere"]}: {worst["error"] * 1e3:.4f} mm'
     )
-    lines += [
-        f'{one.name}: {one.value * 1e3:.4f} mm, allowed {one.limit * 1e3:.4f} mm: '
-        f'{PASSED if one.passed else FAILED}'
-        for one in found.limits
-    ]
-    words = {WITHIN: 'within what the calibration states', BEYOND: 'beyond what it states'}
-    return [*lines, words.get(found.verdict, found.verdict)]
+    return [*lines, *limit_lines(found.limits), verdict_words(found.verdict)]

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from calib_solver.calibration.points import (
         PointCalibration as PointCalibration,
         calibrate_points as calibrate_points,
+        copied_lines as copied_lines,
         hold_points as hold_points,
         load_points as load_points,
     )

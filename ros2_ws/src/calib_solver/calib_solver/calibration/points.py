@@ -102,6 +102,11 @@ def load_points(sources: Sources) -> tuple[PointMeasurement, int]:
     return measured, copies
 
 
+def copied_lines(copies: int) -> tuple[str, ...]:
+    """A line where points are copies of others."""
+    return (f'{copies} points are copies of others: each counts once',) if copies else ()
+
+
 def calibrate_points(
     sources: Sources,
     options: Options,
@@ -136,8 +141,7 @@ def calibrate_points(
     done = identify_points(measured, options)
     held_out = held_out_points(unseen, done) if unseen is not None else None
     first = unread_lines((*sources.bags, *test))
-    if copies:
-        first = (*first, f'{copies} points are copies of others: each counts once')
+    first = (*first, *copied_lines(copies))
     done = replace(done, warnings=(*first, *done.warnings))
     record = point_result_record(done, held_out)
     written: list[Path] = []

@@ -14,7 +14,16 @@ if TYPE_CHECKING:
         identify_points as identify_points,
         joined_points as joined_points,
     )
+    from calib_solver.points.place_shares import (
+        PlaceShares as PlaceShares,
+        StationShare as StationShare,
+    )
+    from calib_solver.points.places import (
+        Places as Places,
+        motions as motions,
+    )
     from calib_solver.points.problem import (
+        FLANGE as FLANGE,
         PointProblem as PointProblem,
     )
     from calib_solver.points.quality import (
@@ -22,6 +31,11 @@ if TYPE_CHECKING:
         PointQuality as PointQuality,
         fitted_quality as fitted_quality,
         flange_of as flange_of,
+        known_quality as known_quality,
+        refuse_unknown_targets as refuse_unknown_targets,
+    )
+    from calib_solver.points.solver import (
+        point_slopes as point_slopes,
     )
 else:
     __getattr__, __dir__, __all__ = lazily(__name__, __file__)

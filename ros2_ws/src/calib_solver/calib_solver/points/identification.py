@@ -39,6 +39,7 @@ from calib_solver.fitting import (
 from calib_solver.left_out import LeftOut
 from calib_solver.points.gross_errors import RejectedPoint, without_gross_points
 from calib_solver.points.judging import Groups, choose_point_errors, judge_points
+from calib_solver.points.place_shares import PlaceShares
 from calib_solver.points.places import Places, best_places, start_places
 from calib_solver.points.problem import FLANGE, PointProblem, points_table
 from calib_solver.points.quality import (
@@ -86,7 +87,8 @@ class Placed:
 class PointIdentification:
     """A solved calibration by points: as `Identification`, of targets and stations besides.
 
-    `covariance` (F + P, F + P) is that of the free parameters and of all places' small motions;
+    `covariance` (F + P, F + P) is that of the free parameters and of all places' small motions,
+    `normal` their J'J, without the prior's share;
     `turn_noise`, rad, a rotation's standard deviation, None where there are none. `initial` and
     `identified` are the quality before and after.
     """
@@ -100,6 +102,7 @@ class PointIdentification:
     observability: Observability
     uncertainty: Uncertainty
     covariance: Array
+    normal: Array
     turn_noise: float | None
     initial: PointQuality
     identified: PointQuality
@@ -153,6 +156,13 @@ class PointIdentification:
             prior_width(solver.information, strength),
             PoseNoise(noise, np.zeros(self.arm.n), freedom),
         )
+
+    @cached_property
+    def place_shares(self) -> PlaceShares:
+        """Where the errors of targets and stations come from."""
+        weighed = self.fit.kappa * self.options.prior.information(self.table)
+        noise, problem = self.uncertainty.noise**2, self.problem
+        return PlaceShares.of(self.normal, weighed, noise, problem.targets, problem.stations)
 
     @property
     def probe(self) -> PassiveProbe:
@@ -369,6 +379,7 @@ def _judged(
         observe(solver.table, fit, solver.scale),
         uncertainty,
         covariance,
+        whole.weighed(problem.turn_weight).normal,
         turn,
         assess_points(problem, before, nominal),
         assess_points(problem, flange_of(problem, arm, model), places),

@@ -97,7 +97,7 @@ def accumulate_points(
     residuals = Flange.of(problem, table, full).residuals(problem, places)
     for begin in range(0, len(problem), BLOCK):
         block = np.arange(begin, min(begin + BLOCK, len(problem)))
-        slopes = _slopes(problem, table, full, places, block)
+        slopes = point_slopes(problem, table, full, places, block)
         for part in problem.parts_of(block):
             within = problem.part[block] == part
             own = np.concatenate([np.arange(free), free + columns_of(problem, part)])
@@ -109,7 +109,7 @@ def accumulate_points(
     return sums
 
 
-def _slopes(
+def point_slopes(
     problem: PointProblem, table: ParameterTable, full: Array, places: Places, rows: IntArray
 ) -> tuple[Array, Array | None]:
     """Jacobians (R, 3, F + 12) of rows, by the places of their own targets and stations: of

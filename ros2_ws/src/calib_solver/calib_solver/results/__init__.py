@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     )
     from calib_solver.results.readings import (
         reading_times as reading_times,
+        readings_record as readings_record,
     )
     from calib_solver.results.resampling import (
         resampling_lines as resampling_lines,

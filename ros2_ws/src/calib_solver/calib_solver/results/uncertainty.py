@@ -22,6 +22,7 @@ from calib_model.instruments import Gauge
 from calib_model.kinematics import ParameterTable
 from calib_solver.fitting import ErrorShares, PoseNoise
 from calib_solver.left_out import LeftOut
+from calib_solver.points import PlaceShares, StationShare
 
 UNCERTAINTY = 'uncertainty.json'
 
@@ -30,11 +31,12 @@ UNCERTAINTY = 'uncertainty.json'
 class StatedErrors:
     """The errors of the free parameters `names` (F,) by where they come from, those by noise
     enlarged as all stated uncertainties are; `gauge` is as long as it was taken to be, None of
-    measured points."""
+    measured points, of which targets and stations err as `places` says."""
 
     names: tuple[str, ...]
     shares: ErrorShares
     gauge: Gauge | None
+    places: PlaceShares | None = None
 
 
 class Stating(Protocol):
@@ -53,6 +55,11 @@ class Stating(Protocol):
     @property
     def left_out(self) -> LeftOut | None:
         """What parts left out say of it."""
+        ...
+
+    @property
+    def place_shares(self) -> PlaceShares | None:
+        """Where the errors of targets and stations come from, where there are any."""
         ...
 
     @property
@@ -80,8 +87,27 @@ def uncertainty_text(done: Stating) -> str:
         },
         'gauge': gauge_yaml(gauge.as_certified()) if gauge is not None else None,
         'temperature': _temperature(gauge) if gauge is not None else None,
+        'places': _places_record(done.place_shares, factor**2),
     }
     return json.dumps(record, allow_nan=False) + '\n'
+
+
+def _places_record(places: PlaceShares | None, times: float) -> dict[str, Any] | None:
+    if places is None:
+        return None
+    return {
+        'targets': list(places.targets),
+        'noise': (times * places.noise).tolist(),
+        'prior': places.prior.tolist(),
+        'stations': [
+            {
+                'station': one.number,
+                'along': one.along.tolist(),
+                'own': (times * one.own).tolist(),
+            }
+            for one in places.stations
+        ],
+    }
 
 
 def _temperature(gauge: Gauge) -> dict[str, float] | None:
@@ -133,7 +159,22 @@ def _stated(record: dict[str, Any], source: str) -> StatedErrors:
         _matrix(record, 'width', (free,)),
         noise,
     )
-    return StatedErrors(names, shares, gauge)
+    return StatedErrors(names, shares, gauge, _places(record.get('places'), free))
+
+
+def _places(record: dict[str, Any] | None, free: int) -> PlaceShares | None:
+    if record is None:
+        return None
+    targets = tuple(map(str, record['targets']))
+    size = free + 6 * len(targets)
+    stations = tuple(
+        StationShare(
+            int(one['station']), _matrix(one, 'along', (6, size)), _matrix(one, 'own', (6, 6))
+        )
+        for one in record['stations']
+    )
+    noise, prior = _matrix(record, 'noise', (size, size)), _matrix(record, 'prior', (size, free))
+    return PlaceShares(targets, noise, prior, stations)
 
 
 def _matrix(record: dict[str, Any], name: str, shape: tuple[int, ...]) -> Array:
