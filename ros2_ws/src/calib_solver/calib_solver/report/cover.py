@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime, timezone
 from typing import Any
 
 from markupsafe import Markup
@@ -77,7 +78,7 @@ def _facts(record: Record, evidence: dict[str, Any], info: Info) -> list[tuple[s
     warmth = info.temperature if info.temperature is not None else (scale or {}).get('temperature')
     rows = [
         ('Readings', days(readings) or 'no date'),
-        ('Report', day(evidence['made'])),
+        ('Report', day(datetime.now(timezone.utc).isoformat())),
         *((of.capitalize(), _with_serial(name, info, of)) for of, name in used.items()),
         ('Temperature', 'not recorded' if warmth is None else f'{warmth:g} °C'),
         ('Operator', info.operator or 'not recorded'),

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, replace
-from datetime import datetime, timezone
 from typing import Any
 
 import numpy as np
@@ -44,7 +43,6 @@ def evidence_of(
     measured = done.problem.measured
     return {
         'schema': SCHEMA,
-        'made': now(),
         'poses': len(done.problem.joints),
         'spheres': len(done.problem.keys),
         'locations': len(done.problem.locations),
@@ -63,11 +61,6 @@ def evidence_of(
             'convergence': chart_records([convergence_chart(done)]),
         },
     }
-
-
-def now() -> str:
-    """When a report is made, ISO 8601 in UTC."""
-    return datetime.now(timezone.utc).isoformat('T', 'seconds')
 
 
 def evidence_text(evidence: dict[str, Any]) -> str:

@@ -22,6 +22,8 @@ from calib_solver.identification import Identification
 from calib_solver.report.html import counted, mm, paragraph, part, table, two_digits
 from calib_solver.results import reading_times, scale_words
 
+#: what the packages are called together where they come as one wheel
+TOGETHER = 'robot-arm-calibration'
 PACKAGES = ('calib_solver', 'calib_model', 'numpy', 'mcap')
 
 
@@ -149,12 +151,18 @@ def _sha256(path: Path) -> str:
     return digest.hexdigest()
 
 
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return ''
+
+
 def versions() -> list[str]:
     """What the calibration was computed with."""
     found = []
     for package in PACKAGES:
-        try:
-            found.append(f'{package} {version(package)}')
-        except PackageNotFoundError:
-            found.append(f'{package} (not installed as a package)')
+        names = (package, TOGETHER) if package.startswith('calib_') else (package,)
+        told = next(filter(None, map(_version, names)), '(not installed as a package)')
+        found.append(f'{package} {told}')
     return [*found, f'{platform.python_implementation()} {platform.python_version()}']

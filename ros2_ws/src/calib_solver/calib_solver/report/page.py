@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Any
 
 from calib_model.errors import CalibrationError
-from calib_solver.report.cover import SHOWN, cover, day
+from calib_solver.report.cover import SHOWN, cover
 from calib_solver.report.evidence import charts_of
 from calib_solver.report.html import (
     counted,
@@ -109,8 +109,7 @@ def _lead(record: Record, evidence: dict[str, Any]) -> str:
     return (
         f'{counted(evidence["poses"], "pose")} of {counted(evidence["spheres"], "sphere")} at '
         f'{counted(evidence["locations"], "location")} of the gauge {evidence["gauge"]}, '
-        f'probed with {evidence["probe"]}; identified by {objective}. '
-        f'Report made {day(evidence["made"])}.'
+        f'probed with {evidence["probe"]}; identified by {objective}.'
     )
 
 

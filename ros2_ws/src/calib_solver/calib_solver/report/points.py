@@ -8,8 +8,8 @@ from typing import Any
 from calib_model.arrays import Array
 from calib_solver.points import HeldOutPoints, PointIdentification
 from calib_solver.report.charts import Chart, Series
-from calib_solver.report.cover import SHOWN, day
-from calib_solver.report.evidence import SCHEMA, chart_records, charts_of, now
+from calib_solver.report.cover import SHOWN
+from calib_solver.report.evidence import SCHEMA, chart_records, charts_of
 from calib_solver.report.figures import convergence_of, thinned
 from calib_solver.report.html import (
     DEGREE,
@@ -46,7 +46,6 @@ def point_evidence_of(
     problem = done.problem
     return {
         'schema': SCHEMA,
-        'made': now(),
         'points': len(problem),
         'targets': len(problem.targets),
         'stations': len(problem.stations),
@@ -93,7 +92,7 @@ def _lead(evidence: dict[str, Any]) -> str:
     return (
         f'{counted(evidence["points"], "point")} of {counted(evidence["targets"], "target")} on '
         f'the flange, measured from {counted(evidence["stations"], "station")}; identified by '
-        f'positions (eq. 10). Report made {day(evidence["made"])}.'
+        'positions (eq. 10).'
     )
 
 
