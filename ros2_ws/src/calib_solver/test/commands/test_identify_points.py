@@ -132,7 +132,7 @@ def test_bags_with_the_probe_elsewhere_are_not_joined(
     write_measurement(tmp_path / 'one', measured)
     write_measurement(tmp_path / 'other', other)
     assert identify.main([str(tmp_path / 'one'), str(tmp_path / 'other'), '--quick']) == 2
-    assert 'another probe' in capsys.readouterr().err
+    assert 'described in another way' in capsys.readouterr().err
 
 
 def test_copies_count_once(bags, capsys) -> None:
