@@ -79,10 +79,11 @@ def labels(sorted_bag: Sorted) -> Array:
         Recording(rate=25.0, lift=LIFT),
         Recording(rate=10.0, hold=0.8, move=1.0),
         Recording(rate=2.0, hold=0.5, move=0.0),
+        Recording(rate=100.0, hold=0.03, move=0.0),
         Recording(rate=250.0, hold=0.15, move=0.1, noise=2e-5),
         Recording(rate=30.0, hold=1.5, move=0.6, noise=1e-4, drift=4e-3),
     ],
-    ids=['stops', 'jumps', 'lifted', '10 Hz', 'one each', 'encoder noise', 'by hand'],
+    ids=['stops', 'jumps', 'lifted', '10 Hz', 'one each', 'three each', 'encoder noise', 'by hand'],
 )
 def test_every_stop_is_a_pose_of_its_socket_however_it_was_recorded(
     tmp_path: Path,

@@ -71,10 +71,11 @@ def held_posture(joints: Array) -> Array:
 
 
 def single_states(stamp: Rows, joints: Array) -> Postures | None:
-    """Every state as a posture of its own where somebody recorded postures, not a motion; None
-    where states are too close to one another for that."""
+    """Every state, once where it is repeated, as a posture of its own where somebody recorded
+    postures, not a motion; None where states are too close to one another for that."""
     steps = travel_steps(joints)
-    if len(steps) and np.median(steps) < SPARSE:
+    moves = steps[steps > SAME]
+    if not len(moves) or np.median(moves) < SPARSE:
         return None
     new = np.concatenate([[True], steps > AGAIN])
     return Postures.of_rows(stamp, joints, np.flatnonzero(new))
