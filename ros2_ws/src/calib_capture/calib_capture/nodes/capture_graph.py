@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -91,6 +92,7 @@ class CaptureNode(Node):
         self._sampled = self._read = False
         self._listening = False
         self._joint_names: tuple[str, ...] = ()
+        self._simulated = False  # by the probe's own word, where a file describes it
         self.taught: dict[int, RigidTransform] = {}
         self.watch: Callable[[JointSample | Reading], None] | None = None
         self.failure: RunError | None = None
@@ -109,6 +111,12 @@ class CaptureNode(Node):
         for key, topic in DESCRIPTIONS.items():
             if not self.asked.paths[key]:
                 self._subscribe_description(key, topic)
+        if self.asked.paths['probe']:  # the file says what it is, and the topic if it is real
+            qos = qos_of(PROBE_DESCRIPTION)
+            self.create_subscription(String, PROBE_DESCRIPTION.name, self._note_simulated, qos)
+
+    def _note_simulated(self, message: String) -> None:
+        self._simulated = self._simulated or 'simulated: true' in message.data.splitlines()
 
     def _subscribe_description(self, key: str, topic: Topic) -> None:
         def keep(message: String) -> None:
@@ -257,7 +265,7 @@ class CaptureNode(Node):
             recorder = Recorder(
                 asked.output,
                 self.arm,
-                self.probe,
+                replace(self.probe, simulated=self.probe.simulated or self._simulated),
                 self.gauge,
                 self._announce,
                 time.time_ns(),

@@ -68,11 +68,16 @@ def _refuse_other(bag: str | Path, arm: Arm, probe: Probe, gauge: Gauge) -> None
     its = read_descriptions(bag)
     for what, topic, ours, theirs in (
         ('arm', ARM_DESCRIPTION, arm_yaml(arm), lambda: arm_yaml(its.arm())),
-        ('probe', PROBE_DESCRIPTION, probe_yaml(probe), lambda: probe_yaml(its.probe())),
+        ('probe', PROBE_DESCRIPTION, _real(probe), lambda: _real(its.probe())),
         ('gauge', GAUGE_DESCRIPTION, gauge_yaml(gauge), lambda: gauge_yaml(its.gauge())),
     ):
         if topic.name in its and theirs() != ours:
             raise BagError(f'{bag}: was captured with another {what} description, not gone on with')
+
+
+def _real(probe: Probe) -> str:
+    """Its description, whether it was simulated or not."""
+    return probe_yaml(replace(probe, simulated=False))
 
 
 def refuse_in_use(bag: str | Path) -> None:

@@ -211,7 +211,8 @@ def _joined(parts: Sequence[Measurement]) -> tuple[Measurement, list[int]]:
         )
     source = ', '.join(part.source for part in parts)
     joined = ProbingSet.joined(sets)
-    return Measurement(first.arm, first.probe, first.gauge, joined, source), shifts
+    probe = replace(first.probe, simulated=any(part.probe.simulated for part in parts))
+    return Measurement(first.arm, probe, first.gauge, joined, source), shifts
 
 
 def unread_lines(bags: Sequence[str]) -> tuple[str, ...]:

@@ -40,7 +40,7 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     probe = measured.probe
     probes = {
         'ours': probe,
-        'again': probe,
+        'again': replace(probe, simulated=True),
         'spare': replace(probe, name='spare_probe'),
         'longer': longer(probe),
         'moved': moved(probe),
@@ -70,6 +70,7 @@ def test_bags_of_another_probe_are_not_joined_with_the_firsts(
 def test_bags_of_one_probe_are_joined_and_what_is_given_holds_for_all(bags: dict[str, str]) -> None:
     both = load(Sources((bags['ours'], bags['again'])))
     given = load(Sources((bags['ours'], bags['moved']), probe=bags['probe.yaml']))
+    assert both.probe.simulated
     assert len(both.poses) == len(given.poses) == 2 * len(load(Sources((bags['ours'],))).poses)
     assert probe_yaml(given.probe) == Path(bags['probe.yaml']).read_text()
 

@@ -271,8 +271,8 @@ def test_the_first_page_says_who_what_when_and_the_verdict(active_scene):
         'number: K-31\noperator: "A. <Muster>"\nserials: {arm: "77", gauge: B-2}\n'
         f'temperature: 22.5\nlimits: {{distance_max: {1.1 * limit}, two_sigma_max: 1.0e-6}}\n'
     )
-    page = Page(page_of(done, held_out=held_out, info=info))
-    rows = page.rows('Kinematic calibration of kr5')
+    text = page_of(done, held_out=held_out, info=info)
+    rows = Page(text).rows('Kinematic calibration of kr5')
     assert rows['Readings'] == ['2027-01-26']
     assert rows['Arm'] == ['kr5, serial 77']
     assert rows['Probe'] == ['active_trihedron, serial not recorded']
@@ -280,7 +280,6 @@ def test_the_first_page_says_who_what_when_and_the_verdict(active_scene):
     assert rows['Operator'] == ['A. <Muster>']
     assert rows['distance_max'] == [mm(limit), mm(1.1 * limit), 'passed']
     assert rows['two_sigma_max'][2] == 'failed'
-    text = page_of(done, held_out=held_out, info=info)
     assert 'Calibration report K-31' in text
     assert 'Failed: 1 of 2 limits kept, judged on held-out poses.' in text
     assert 'Nothing was held out' not in text
