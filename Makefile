@@ -97,7 +97,7 @@ bench: setup
 # Each writes its table to studies/results; all together take some minutes on 2 cores. Those that
 # need one core go two at a time.
 ONE_CORE := table_1 equation_13 table_2 figure_7 figure_8 figure_9 section_6
-TWO_CORES := pattern correction coverage recovery robustness named_faults probe_fit prior hard_starts model_errors pose_choice compensation
+TWO_CORES := pattern correction coverage recovery robustness named_faults probe_fit prior hard_starts model_errors pose_choice compensation points
 
 studies: setup
 	@source ./env.bash && \

@@ -58,7 +58,7 @@ def stated_points(
         noise_mean + float(np.trace(gram)),
         2 * noise_square + 4 * crossed + 2 * float((gram**2).sum()),
     )
-    return moments.stated(quality.distance, LEVEL)
+    return moments.stated(quality.distance, LEVEL, result.stated.shares.poses.freedom)
 
 
 def _of_each_point(

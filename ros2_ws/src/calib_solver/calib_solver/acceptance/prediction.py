@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtri, fdtri
 
 from calib_model.arrays import Array
 from calib_solver.acceptance.certificate import certificate_roots, same_certificate, together
@@ -50,14 +50,18 @@ class Moments:
     mean: float
     variance: float
 
-    def stated(self, values: Array, level: float) -> Stated:
-        """By Satterthwaite's chi-square with these moments."""
+    def stated(self, values: Array, level: float, known_by: int = 0) -> Stated:
+        """By Satterthwaite's chi-square with these moments; by an F where these scale with a noise
+        that is `known_by` so many residuals."""
         count = len(values)
         rms = float(np.sqrt(np.mean(values**2)))
         if self.mean <= 0 or self.variance <= 0:
             return Stated(rms, 0.0, 0.0, count)
         freedom = 2 * self.mean**2 / self.variance
-        bound = float(chdtri(freedom, level)) * self.mean / freedom
+        bound = float(chdtri(freedom, level)) / freedom
+        if known_by:
+            bound = float(fdtri(freedom, known_by, 1 - level))
+        bound *= self.mean
         return Stated(rms, float(np.sqrt(self.mean / count)), float(np.sqrt(bound / count)), count)
 
 

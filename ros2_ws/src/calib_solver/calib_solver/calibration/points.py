@@ -33,6 +33,8 @@ from calib_solver.points import (
     identify_points,
     joined_points,
 )
+from calib_solver.problem import threads
+from calib_solver.resampling import in_processes, refuse_repetitions, resample_points
 from calib_solver.results import (
     Record,
     point_quality_record,
@@ -122,11 +124,9 @@ def calibrate_points(
     """
     effort = effort or Effort()
     options = checked_point_options(options)
-    if not effort.plan.empty or effort.scheduler:
-        raise DataError(
-            '--monte-carlo, --bootstrap and --scheduler are for probing poses of a gauge; measured '
-            'points are judged by groups of them left out in turn'
-        )
+    refuse_repetitions(effort.plan)
+    if effort.scheduler:
+        raise DataError('--scheduler: is for probing poses; measured points stay on this machine')
     if output:
         refuse_no_place(output)
     if urdf and not output:
@@ -143,7 +143,11 @@ def calibrate_points(
     first = unread_lines((*sources.bags, *test))
     first = (*first, *copied_lines(copies))
     done = replace(done, warnings=(*first, *done.warnings))
-    record = point_result_record(done, held_out)
+    resampled = None
+    if not effort.plan.empty:
+        spread = in_processes(threads())
+        resampled = resample_points(done, effort.plan, spread, effort.progress)
+    record = point_result_record(done, held_out, resampled)
     written: list[Path] = []
     more: dict[str, bytes] = {}
     if urdf:

@@ -89,6 +89,8 @@ def point_summary_text(calibration: PointCalibration) -> str:
     if checks['orientation_noise'] is not None:
         noise += f', an orientation by {checks["orientation_noise"] * 1e3:.4f} mrad'
     lines.append(noise)
+    if record['resampling'] is not None:
+        lines += resampling_lines(record['resampling'], 'points')
     lines += prior_lines(checks['prior'])
     lines.append(calibration.verdict)
     lines += [f'wrote {path}' for path in calibration.written]

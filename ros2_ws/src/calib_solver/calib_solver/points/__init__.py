@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         StationShare as StationShare,
     )
     from calib_solver.points.places import (
+        Flange as Flange,
         Places as Places,
         motions as motions,
     )
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
         refuse_unknown_targets as refuse_unknown_targets,
     )
     from calib_solver.points.solver import (
+        PlacedQuadratic as PlacedQuadratic,
         point_slopes as point_slopes,
     )
 else:

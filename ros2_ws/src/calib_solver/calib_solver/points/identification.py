@@ -29,6 +29,7 @@ from calib_solver.fitting import (
     ParameterEstimate,
     PoseNoise,
     Uncertainty,
+    Workspace,
     covariance_of,
     drawn_postures,
     estimates_of,
@@ -210,16 +211,21 @@ class PointIdentification:
         return self.covariance[first : first + 6, first : first + 6]
 
     @cached_property
-    def position_uncertainty(self) -> Array:
-        """Standard uncertainty (K,), m, of the first target over the workspace, base frame."""
+    def workspace(self) -> Workspace:
+        """The first target at postures all over the workspace; `jacobian` (K, 3, F + 3) by the free
+        parameters and by its place on the flange."""
         joints = drawn_postures(self.arm)
         centers = np.broadcast_to(self.places.target[0], (len(joints), 3))
-        _, by_parameter = posture_jacobian(self.arm, FLANGE, self.table, self.full, joints, centers)
-        rotation = by_parameter[:, :, self.table.mount][:, :, :3]
-        slope = np.concatenate([by_parameter[:, :, self.table.free_columns], rotation], axis=2)
-        size = slope.shape[2]
-        variance = np.einsum('nkf,fg,nkg->n', slope, self.covariance[:size, :size], slope)
-        return np.sqrt(np.maximum(variance, 0.0))
+        points, slope = posture_jacobian(self.arm, FLANGE, self.table, self.full, joints, centers)
+        held = slope[:, :, self.table.mount][:, :, :3]
+        by_both = np.concatenate([slope[:, :, self.table.free_columns], held], axis=2)
+        return Workspace(joints, points, by_both)
+
+    @cached_property
+    def position_uncertainty(self) -> Array:
+        """Standard uncertainty (K,), m, of the first target over the workspace, base frame."""
+        size = self.workspace.jacobian.shape[2]
+        return self.workspace.uncertainty(self.covariance[:size, :size])
 
 
 def _standard(covariance: Array) -> Array:

@@ -162,6 +162,21 @@ def _add(
         sums.count[kind] += 3 * (problem.trust[rows] @ (weight > 0))
 
 
+class PlacedQuadratic:
+    """Eq. 10 of a problem by all columns of a table, `places` at their best for the last ones."""
+
+    def __init__(self, problem: PointProblem, table: ParameterTable, places: Places) -> None:
+        self.problem, self.table, self.places = problem, table, places
+
+    def at(self, full: Array) -> Quadratic:
+        """The objective of the free columns at `full` (C,)."""
+        flange = Flange.of(self.problem, self.table, full)
+        self.places = best_places(self.problem, flange, self.places)
+        (sums,) = accumulate_points(self.problem, self.table, full, self.places)
+        free = len(self.table.free_columns)
+        return eliminated(sums.weighed(self.problem.turn_weight), free)[0]
+
+
 @dataclass(frozen=True)
 class PointSolver(Minimiser[PointProblem]):
     """Eq. 10 with targets and stations at their best for whatever parameters of the arm."""

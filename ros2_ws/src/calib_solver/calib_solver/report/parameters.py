@@ -24,7 +24,7 @@ JUDGED = (
     'Judged on gauge locations left out in turn ({folds} parts): the change of their rms, with the '
     'standard error of its logarithm; what does not help there is not used.'
 )
-METHODS = {'monte_carlo': 'Monte Carlo', 'bootstrap': 'bootstrap over locations'}
+METHODS = {'monte_carlo': 'Monte Carlo', 'bootstrap': 'bootstrap over'}
 
 
 def parameters(record: Record) -> str:
@@ -101,6 +101,8 @@ def repetitions(record: Record) -> str:
     if found is None:
         return ''
     made = {method: name for method, name in METHODS.items() if found[method] is not None}
+    if 'bootstrap' in made:
+        made['bootstrap'] += ' points' if 'targets' in record else ' locations'
     text = part('Repetitions')
     for method, name in made.items():
         text += paragraph(_repeated(name, found[method], found['seed']))

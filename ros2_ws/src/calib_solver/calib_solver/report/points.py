@@ -26,7 +26,7 @@ from calib_solver.report.html import (
     warnings_box,
 )
 from calib_solver.report.instruments import Inputs, file_rows, inputs, versions
-from calib_solver.report.parameters import parameters
+from calib_solver.report.parameters import parameters, repetitions
 from calib_solver.report.residuals import by_joint, solver, warnings
 from calib_solver.results import Record, left_out_words
 
@@ -69,7 +69,7 @@ def point_annex(record: Record, evidence: dict[str, Any]) -> list[str]:
         warnings_box(warnings(record)[SHOWN:]),
         section('In short', _quality(record), _sure(record)),
         section('Targets and stations', _targets(record), _stations(record)),
-        section('Parameters', parameters(record)),
+        section('Parameters', parameters(record), repetitions(record)),
         section(
             'Residuals',
             paragraph('Predicted less measured, in the arm base frame.'),

@@ -12,6 +12,10 @@ if TYPE_CHECKING:
     from calib_solver.resampling.plan import (
         Plan as Plan,
         refuse_plan as refuse_plan,
+        refuse_repetitions as refuse_repetitions,
+    )
+    from calib_solver.resampling.points import (
+        resample_points as resample_points,
     )
     from calib_solver.resampling.processes import (
         Spread as Spread,

@@ -26,12 +26,11 @@ class Plan:
         return not self.monte_carlo and not self.bootstrap
 
 
-def refuse_plan(plan: Plan, locations: int, source: str) -> None:
-    """Raise where a plan cannot be carried out on so many locations of a measurement `source`.
+def refuse_repetitions(plan: Plan) -> None:
+    """Raise where so many repetitions cannot be carried out.
 
     Raises:
-        DataError: a count or the seed is negative or a single repetition, or there are too few
-            locations to draw from.
+        DataError: a count or the seed is negative, or a single repetition.
     """
     for name, count in (('monte-carlo', plan.monte_carlo), ('bootstrap', plan.bootstrap)):
         if count < 0 or count == 1 or count > MOST_REPETITIONS:
@@ -40,6 +39,16 @@ def refuse_plan(plan: Plan, locations: int, source: str) -> None:
             )
     if plan.seed < 0:
         raise DataError(f'seed {plan.seed}: expected zero or more')
+
+
+def refuse_plan(plan: Plan, locations: int, source: str) -> None:
+    """Raise where a plan cannot be carried out on so many locations of a measurement `source`.
+
+    Raises:
+        DataError: a count or the seed is negative or a single repetition, or there are too few
+            locations to draw from.
+    """
+    refuse_repetitions(plan)
     if plan.bootstrap and locations < FEWEST_LOCATIONS:
         raise DataError(
             f'{source}: a bootstrap draws whole gauge locations, '

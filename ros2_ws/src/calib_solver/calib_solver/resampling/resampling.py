@@ -78,7 +78,15 @@ class Resampled:
     bootstrap: Repeated | None
 
 
-Draw = Callable[[Source, np.random.SeedSequence], tuple[Array, bool]]
+@dataclass(frozen=True)
+class Kind:
+    """A kind of repetition: its `name`, how one is drawn from the `source`, and the covariance that
+    deviations (R, F) show."""
+
+    name: str
+    draw: Callable[[Any, np.random.SeedSequence], tuple[Array, bool]]
+    source: object
+    covariance: Callable[[Array], Array]
 
 
 def resample(
@@ -90,28 +98,46 @@ def resample(
         DataError: see `refuse_plan`.
         CalibrationError: the work could not be spread.
     """
-    refuse_plan(plan, len(done.problem.locations), done.problem.measured.source)
+    locations = len(done.problem.locations)
+    refuse_plan(plan, locations, done.problem.measured.source)
+    kinds = (
+        Kind(
+            'Monte Carlo',
+            monte_carlo_draw,
+            monte_carlo_source(done) if plan.monte_carlo else None,
+            lambda deviation: deviation.T @ deviation / len(deviation),  # about the truth
+        ),
+        Kind(
+            'bootstrap',
+            bootstrap_draw,
+            bootstrap_source(done) if plan.bootstrap else None,
+            lambda deviation: bootstrap_covariance(deviation, locations),
+        ),
+    )
+    return repeated_of(plan, kinds, spread, progress)
+
+
+def repeated_of(
+    plan: Plan, kinds: tuple[Kind, Kind], spread: Spread, progress: Progress | None
+) -> Resampled:
+    """Both kinds, Monte Carlo and bootstrap, as often as a plan says.
+
+    Raises:
+        CalibrationError: the work could not be spread.
+    """
     seeds = np.random.SeedSequence(plan.seed).spawn(2)
     found: list[Repeated | None] = []
-    kinds: tuple[tuple[str, Draw, Callable[[Identification], Source], int], ...] = (
-        ('Monte Carlo', monte_carlo_draw, monte_carlo_source, plan.monte_carlo),
-        ('bootstrap', bootstrap_draw, bootstrap_source, plan.bootstrap),
-    )
-    for (name, draw, source, count), seed in zip(kinds, seeds, strict=True):
+    for kind, count, seed in zip(kinds, (plan.monte_carlo, plan.bootstrap), seeds, strict=True):
         if not count:
             found.append(None)
             continue
         begun = time.perf_counter()
-        shown = _Shown(progress, name, count)
-        runs = spread(draw, source(done), seed.spawn(count), shown.advance)
+        shown = _Shown(progress, kind.name, count)
+        runs = spread(kind.draw, kind.source, seed.spawn(count), shown.advance)
         shown.clear()
         deviation = np.stack([run[0] for run in runs])
-        covariance = (
-            deviation.T @ deviation / count  # about the truth
-            if draw is monte_carlo_draw
-            else bootstrap_covariance(deviation, len(done.problem.locations))
-        )
         converged = sum(run[1] for run in runs)
+        covariance = kind.covariance(deviation)
         found.append(Repeated(deviation, converged, covariance, time.perf_counter() - begun))
     return Resampled(plan, found[0], found[1])
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,9 +17,17 @@ from calib_solver.results.diagnostics import finite, joint_shares, prior_record
 from calib_solver.results.files import SCHEMA, transform_record
 from calib_solver.results.quality import Record, left_out_record
 from calib_solver.results.readings import readings_record
+from calib_solver.results.resampling import resampling_record
+
+if TYPE_CHECKING:
+    from calib_solver.resampling import Resampled
 
 
-def point_result_record(done: PointIdentification, held_out: HeldOutPoints | None = None) -> Record:
+def point_result_record(
+    done: PointIdentification,
+    held_out: HeldOutPoints | None = None,
+    resampled: Resampled | None = None,
+) -> Record:
     """The content of `result.json`."""
     test, before = (None, None) if held_out is None else (held_out.identified, held_out.initial)
     return {
@@ -55,7 +63,7 @@ def point_result_record(done: PointIdentification, held_out: HeldOutPoints | Non
         'warnings': list(done.warnings),
         'rejected': [vars(one) for one in done.rejected],
         'diagnostics': _diagnostics(done),
-        'resampling': None,
+        'resampling': resampling_record(done, resampled) if resampled is not None else None,
         'joint_errors': joint_errors_record(done),
         'correction': None,
     }

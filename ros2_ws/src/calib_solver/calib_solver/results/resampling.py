@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from calib_model.arrays import Array
-from calib_solver.identification import Identification
+from calib_solver.fitting import ParameterEstimate, Workspace
 from calib_solver.results.quality import Record
 
 if TYPE_CHECKING:
@@ -17,7 +17,21 @@ if TYPE_CHECKING:
 METHODS = ('monte_carlo', 'bootstrap')
 
 
-def resampling_record(done: Identification, resampled: Resampled) -> Record:
+class Repeatable(Protocol):
+    """An identification of either kind, as far as repetitions go."""
+
+    @property
+    def estimates(self) -> tuple[ParameterEstimate, ...]:
+        """What is said of every parameter."""
+        ...
+
+    @property
+    def workspace(self) -> Workspace:
+        """Postures all over the workspace, and how points there go with what is drawn."""
+        ...
+
+
+def resampling_record(done: Repeatable, resampled: Resampled) -> Record:
     """What `result.json` says under `resampling`, SI; null for a method that was not asked for.
 
     Only free parameters are listed; `analytic` is null where the parameter's own
@@ -47,7 +61,7 @@ def _size(repeated: Repeated | None, index: int) -> float | None:
     return None if repeated is None else float(repeated.standard[index])
 
 
-def _method_record(done: Identification, repeated: Repeated | None) -> Record | None:
+def _method_record(done: Repeatable, repeated: Repeated | None) -> Record | None:
     if repeated is None:
         return None
     return {
@@ -59,14 +73,15 @@ def _method_record(done: Identification, repeated: Repeated | None) -> Record | 
     }
 
 
-def _ratio(done: Identification, repeated: Repeated) -> float | None:
+def _ratio(done: Repeatable, repeated: Repeated) -> float | None:
     """The median over the identifiable parameters of the method's uncertainty to the stated."""
     stated = [
         estimate.standard_uncertainty if estimate.identifiable else None
         for estimate in done.estimates
         if estimate.parameter.free
     ]
-    ratios = [size / said for size, said in zip(repeated.standard, stated, strict=True) if said]
+    sizes = repeated.standard[: len(stated)]
+    ratios = [size / said for size, said in zip(sizes, stated, strict=True) if said]
     return float(np.median(ratios)) if ratios else None
 
 
@@ -74,10 +89,11 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def resampling_lines(record: Record) -> list[str]:
-    """A line for each method that was asked for, and what it says against the stated ones."""
+def resampling_lines(record: Record, over: str = 'locations') -> list[str]:
+    """A line for each method that was asked for, and what it says against the stated ones; the
+    bootstrap drew `over` these."""
     lines = []
-    for method, name in zip(METHODS, ('Monte Carlo', 'bootstrap over locations'), strict=True):
+    for method, name in zip(METHODS, ('Monte Carlo', f'bootstrap over {over}'), strict=True):
         found = record[method]
         if found is None:
             continue

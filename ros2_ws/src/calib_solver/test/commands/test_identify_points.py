@@ -36,7 +36,8 @@ def bags(tmp_path_factory) -> dict[str, str]:
 @pytest.fixture(scope='module')
 def output(bags, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp('result') / 'out'
-    assert identify.main([bags['bag'], '--test', bags['test'], '--output', str(folder)]) == 0
+    more = ['--monte-carlo', '2', '--bootstrap', '2', '--output', str(folder)]
+    assert identify.main([bags['bag'], '--test', bags['test'], *more]) == 0
     return folder
 
 
@@ -54,7 +55,13 @@ def test_the_result_is_as_the_contract_lists_it(output: Path) -> None:
 
 def test_the_report_speaks_of_targets_and_stations(output: Path) -> None:
     page = (output / 'report.html').read_text()
-    for words in ('Targets and stations', 'Points left out', 'Turned by'):
+    for words in (
+        'Targets and stations',
+        'Points left out',
+        'Turned by',
+        'Monte Carlo',
+        'Bootstrap over points',
+    ):
         assert words in page
     for words in ('sphere', 'gauge', 'certificate'):
         assert words not in page.lower().partition('inputs and versions')[0]
@@ -98,7 +105,7 @@ def test_the_first_target_is_the_tool_of_compensate(output: Path, tmp_path: Path
     [
         ['--objective', 'distance'],
         ['--correction', 'auto'],
-        ['--monte-carlo', '5'],
+        ['--scheduler', 'tcp://127.0.0.1:1'],
         ['--probe', 'p.yaml'],
         ['--gauge', 'g.yaml'],
         ['--temperature', '22'],

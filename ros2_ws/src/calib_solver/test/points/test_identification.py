@@ -30,6 +30,7 @@ from calib_solver.points import (
     identify_points,
 )
 from calib_solver.points.problem import PointProblem
+from calib_solver.resampling import Plan, in_processes, resample_points
 
 NOISE, TURN_NOISE = 4e-5, 9e-5
 PLAIN = Options('position', prior=NO_PRIOR, loss='plain', joint_errors=(), quick=True)
@@ -292,3 +293,15 @@ def test_a_station_of_two_points_is_named():
 def test_too_few_points_without_a_prior_are_refused():
     with pytest.raises(RankError, match='cannot tell'):
         identify_points(tracked(93, 8).measured, PLAIN)
+
+
+def test_a_monte_carlo_and_a_bootstrap_say_what_is_stated():
+    scene = tracked(95, 90, 2, 1, True, NOISE, TURN_NOISE)
+    done = identify_points(scene.measured, Options('position', quick=True))
+    resampled = resample_points(done, Plan(12, 12, 4), in_processes(1))
+    stated = done.position_uncertainty.mean()
+    for repeated in (resampled.monte_carlo, resampled.bootstrap):
+        assert repeated.converged == 12
+        found = done.workspace.uncertainty(repeated.covariance).mean()
+        # twelve repetitions tell it to a fifth or so
+        assert 0.6 < found / stated < 1.6
