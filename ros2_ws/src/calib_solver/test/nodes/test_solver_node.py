@@ -24,6 +24,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from simulated_calibration import active, kr5, simulate
+from simulated_points import tracked
 from visualization_msgs.msg import MarkerArray
 
 from calib_bringup.domains import held_domain
@@ -31,6 +32,7 @@ from calib_model.bags import (
     BagWriter,
     read_measurement,
     write_measurement,
+    write_points,
 )
 from calib_model.nodes import qos_of
 from calib_model.topics import SOLVER_MARKERS
@@ -199,6 +201,26 @@ def test_identify_answers_what_the_command_writes(ask, files, tmp_path):
     assert sorted(answer.written) == sorted(map(str, (tmp_path / 'node').iterdir()))
     assert answer.identified.distance.count == 24
     assert answer.identified.phi < answer.initial.phi / 100
+
+
+def test_measured_points_are_identified_evaluated_and_verified(ask, tmp_path):
+    bag, output = str(tmp_path / 'points'), str(tmp_path / 'tracked')
+    write_points(bag, tracked(83, 60, 2, 2, True, 4e-5, 9e-5).measured)
+    answer = ask(Identify, bag=bag, output=output, quick=True)
+    assert answer.success, answer.message
+    assert answer.objective == 'position'
+    assert [one.target for one in answer.targets] == ['1', '2']
+    assert all(one.has_rotation for one in answer.targets)
+    assert [one.station for one in answer.stations] == [1, 2]
+    assert answer.identified.position.count == answer.identified.orientation.count == 60
+    assert answer.identified.position.rms < 1e-4 < answer.initial.position.rms
+    assert math.isnan(answer.identified.distance.rms)
+    judged = ask(Evaluate, bag=bag, arm=f'{output}/arm.yaml')
+    assert judged.success, judged.message
+    assert judged.quality.position.rms == pytest.approx(answer.identified.position.rms, rel=1e-2)
+    verified = ask(Verify, bag=bag, result=output)
+    assert verified.success, verified.message
+    assert verified.verdict == 'within'
 
 
 def told(record):
