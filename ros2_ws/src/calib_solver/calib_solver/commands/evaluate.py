@@ -12,7 +12,8 @@ from calib_model.progress import Progress
 from calib_solver import calibration
 
 ABOUT = """\
-Distance errors and 2 sigma of probing poses under given parameters; JSON on stdout, SI units."""
+Distance errors and 2 sigma of probing poses under given parameters, or how far measured points are
+from where they are predicted; JSON on stdout, SI units."""
 EXAMPLE = """example:
   ros2 run calib_solver evaluate bags/demo_test --arm output/demo/arm.yaml
 """

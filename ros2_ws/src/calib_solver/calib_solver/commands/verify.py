@@ -14,7 +14,7 @@ from calib_solver import acceptance, calibration
 ABOUT = """\
 Judge a finished calibration by new poses, as few as 20 on spheres it was not made with: passed or
 failed by limits; without limits, whether the errors are within what the calibration states of
-itself. No pose is left out.
+itself. No pose is left out. Measured points (import_points) are judged by a calibration by such.
 
 LIMITS.yaml holds lengths in m, as in `limits: {distance_max: 1.0e-4, two_sigma_max: 2.0e-4}`. Each
 is a maximum of: distance_max, distance_mean, distance_rms, two_sigma_max, two_sigma_mean,
