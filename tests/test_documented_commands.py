@@ -61,7 +61,7 @@ STEPPED = 'time_scale:=0.0'
 MAY_BE_CUT = re.compile(r'ros2 run calib_capture (capture|replay)\b')
 READY, PATIENCE, MAY_TAKE, CUT_AFTER = 10.0, 15.0, 60.0, 5.0  # s
 INTERRUPTED = 130
-pytestmark = [pytest.mark.system, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]  # a document is long, a machine busy
 
 
 @pytest.fixture(scope='module')
