@@ -39,6 +39,7 @@ ELSEWHERE = {
         'test_security_policy.py',
     ),
     r'ros2 bag record': ('needs a full ROS 2 install', 'test_raw_bags.py'),
+    r'calib_capture check': ('needs a probe on a sphere', 'test_check.py'),
     r'rviz2': ('needs a full ROS 2 install and a screen', 'test_launch_files.py'),
     r'colcon build|rosdep ': ('every set-up builds', 'test_setup.py'),
     r"pip install '?\.": ('a wheel is built once', 'test_wheel.py'),
@@ -54,7 +55,8 @@ DRY = {
     'studies': 'test_studies.py',
 }
 STAYS = re.compile(
-    r'ros2 run (calib_capture arm|selfcenter_probe (probe|operator)|calib_solver solver)\b'
+    r'ros2 run (calib_capture (sim_)?arm|selfcenter_probe ((sim_)?probe|operator)'
+    r'|calib_solver solver)\b'
     r'|\bserve:=true|gauge:=GAUGE\.yaml|--loop|ros2 topic (hz|echo (?!.*--once))'
 )
 STEPPED = 'time_scale:=0.0'

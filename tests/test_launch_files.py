@@ -100,16 +100,39 @@ def test_the_demo_gets_its_options_and_its_end_is_the_end(launch_file):
 def test_capture_passes_to_every_node_what_it_knows_and_only_what_was_given(launch_file):
     module = launch_file('capture')
     nodes = started(module, locations='[1, 2]', arm='my arm.yaml', serve='true', seed='4')
-    assert set(nodes) == {'capture', 'arm', 'probe'}
+    assert set(nodes) == {'capture', 'sim_arm', 'sim_probe'}
     assert nodes['capture']['parameters'] == [
         {'output': 'capture', 'locations': [1, 2], 'poses_per_sphere': 60, 'serve': True}
     ]
-    assert nodes['arm']['parameters'] == [{'arm': 'my arm.yaml', 'time_scale': 1.0}]
-    assert nodes['probe']['parameters'] == [{'arm': 'my arm.yaml', 'seed': 4}]
+    assert nodes['sim_arm']['parameters'] == [{'arm': 'my arm.yaml', 'time_scale': 1.0}]
+    assert nodes['sim_probe']['parameters'] == [{'arm': 'my arm.yaml', 'seed': 4}]
     assert set(started(module, simulate='false')) == {'capture'}
     shown = started(module, rviz='true')
     assert '<robot' in shown['robot_state_publisher']['parameters'][0]['robot_description']
     assert Path(shown['rviz2']['arguments'][1]).is_file()
+
+
+def test_namespace_topics_and_a_file_of_parameters_reach_every_node(launch_file):
+    module = launch_file('capture')
+    nodes = started(
+        module,
+        namespace='left',
+        params_file='mine.yaml',
+        joint_states='/cell/joints',
+        trajectory='jtc/joint_trajectory',
+        locations='[2]',
+    )
+    for node in nodes.values():
+        assert node['namespace'] == 'left'
+        assert node['remappings'] == [
+            ('joint_states', '/cell/joints'),
+            ('arm_controller/joint_trajectory', 'jtc/joint_trajectory'),
+        ]
+        assert node['parameters'][0] == 'mine.yaml'
+    assert nodes['capture']['parameters'][1]['locations'] == [2]
+    (solver,) = started(launch_file('solver'), namespace='right', params_file='m.yaml').values()
+    assert solver['namespace'] == 'right'
+    assert solver['parameters'][0] == 'm.yaml'
 
 
 def test_replay_needs_a_bag_and_passes_flags_on(launch_file):

@@ -22,6 +22,8 @@ setup(
     entry_points={
         'console_scripts': [
             'arm = calib_capture.nodes.arm_node:main',
+            'sim_arm = calib_capture.nodes.arm_node:main',
+            'check = calib_capture.nodes.check_node:main',
             'capture = calib_capture.nodes.capture_node:main',
             'place = calib_capture.commands.place:main',
             'plan = calib_capture.commands.plan:main',

@@ -25,6 +25,7 @@ setup(
     entry_points={
         'console_scripts': [
             'probe = selfcenter_probe.nodes.probe_node:main',
+            'sim_probe = selfcenter_probe.nodes.probe_node:main',
             'hand_guided = selfcenter_probe.commands.hand_guided:main',
             'operator = selfcenter_probe.nodes.operator_node:main',
         ],

@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from calib_model.errors import ParameterError
+from calib_model.topics import JOINT_STATES, JOINT_TRAJECTORY
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,14 @@ class Argument:
 
 UNBUFFERED = {'PYTHONUNBUFFERED': '1'}  # lines come when they are printed, not all at the end
 OUTPUT = Argument('output', 'bag to write, a folder that is not there', 'capture', text=True)
+NAMESPACE = Argument(
+    'namespace', 'of all topics, services and actions, as robot_1; empty: none', text=True
+)
+PARAMETERS = Argument('params_file', 'path of a YAML file of parameters for the nodes', text=True)
+REMAPPED = (
+    Argument('joint_states', "topic of the arm's joint states, where it is another", text=True),
+    Argument('trajectory', 'topic that the arm takes trajectories from, likewise', text=True),
+)
 RVIZ = Argument('rviz', 'true: show it in RViz, with robot_state_publisher')
 ARM = Argument('arm', "path of the arm's YAML; empty: the KUKA KR 5 sixx R650", text=True)
 DEMO = (
@@ -75,6 +84,21 @@ def parameters(arguments: Iterable[Argument], given: Mapping[str, str]) -> dict[
         for argument in arguments
         if given[argument.name]
     }
+
+
+def remappings(given: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Topics that are to have another name."""
+    named = (
+        ('joint_states', JOINT_STATES.relative),
+        ('trajectory', JOINT_TRAJECTORY.relative),
+    )
+    return [(topic, given[argument]) for argument, topic in named if given[argument]]
+
+
+def told(arguments: Iterable[Argument], given: Mapping[str, str]) -> list[Any]:
+    """All that a node is given: the file of parameters, and above it what was given by itself."""
+    chosen = parameters(arguments, given)
+    return [*([given[PARAMETERS.name]] if given[PARAMETERS.name] else []), chosen]
 
 
 def options(arguments: Iterable[Argument], given: Mapping[str, str]) -> list[str]:

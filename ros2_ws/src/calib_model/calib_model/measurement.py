@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 
 from calib_model.arrays import Array
 from calib_model.errors import ContactError, DataError
-from calib_model.instruments import ActiveProbe, Arm, Gauge, Probe, refuse_impossible
+from calib_model.instruments import (
+    WHOLE_ROOM,
+    ActiveProbe,
+    Arm,
+    Gauge,
+    Probe,
+    refuse_impossible,
+    refuse_misfit,
+)
 
 #: a reading so many strokes out is in another unit; a stroke or two may be a wrong description
 BEYOND_STROKE = 50
@@ -104,6 +112,7 @@ class Measurement:
         """
         poses = self.poses
         refuse_impossible(self.arm, self.probe, self.gauge, self.source)
+        refuse_misfit(self.probe, self.gauge, WHOLE_ROOM)
         if len(poses) == 0:
             raise DataError(f'{self.source}: holds no probing poses')
         if poses.joints.ndim != 2 or poses.joints.shape[1] != self.arm.n:

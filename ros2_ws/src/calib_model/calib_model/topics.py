@@ -27,6 +27,11 @@ class Topic:
     reliable: bool = True
     latched: bool = False
 
+    @property
+    def relative(self) -> str:
+        """The name as nodes ask for it: in their namespace, which is / unless they are told."""
+        return self.name.lstrip('/')
+
     def offered_qos(self) -> list[dict[str, Any]]:
         """The QoS profile in the words of rosbag2's metadata, version 9."""
         return [

@@ -61,7 +61,7 @@ class CaptureServer:
         self._action = ActionServer(
             node,
             Capture,
-            '/capture/run',
+            'capture/run',
             self._execute,
             goal_callback=self._on_goal,
             cancel_callback=lambda _: CancelResponse.ACCEPT,

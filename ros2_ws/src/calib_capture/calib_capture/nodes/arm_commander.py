@@ -51,7 +51,7 @@ class ArmCommander:
         self.refuse_rivals()
         before = {_gid(at) for at in self._published()}
         self._publisher = self._node.create_publisher(
-            JointTrajectory, JOINT_TRAJECTORY.name, qos_of(JOINT_TRAJECTORY)
+            JointTrajectory, JOINT_TRAJECTORY.relative, qos_of(JOINT_TRAJECTORY)
         )
         new = {_gid(at) for at in self._published()} - before
         self._own = max(new, default=())
@@ -74,10 +74,10 @@ class ArmCommander:
         self._publisher, self._own = None, ()
 
     def _published(self) -> list[Any]:
-        return list(self._node.get_publishers_info_by_topic(JOINT_TRAJECTORY.name))
+        return list(self._node.get_publishers_info_by_topic(JOINT_TRAJECTORY.relative))
 
     def _rivals(self) -> list[Any]:
-        poses = self._node.get_publishers_info_by_topic(CAPTURE_POSES.name)
+        poses = self._node.get_publishers_info_by_topic(CAPTURE_POSES.relative)
         captures = {_gid(at)[:PARTICIPANT] for at in poses}
         return [
             at

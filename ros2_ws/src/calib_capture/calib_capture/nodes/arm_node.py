@@ -38,7 +38,9 @@ from calib_model.urdf import arm_urdf
 ABOUT = """\
 A simulated arm: follows trajectories on /arm_controller/joint_trajectory as ros2_control's
 joint_trajectory_controller does; publishes /joint_states, /arm_description, /robot_description."""
-EXAMPLE = 'ros2 run calib_capture arm --ros-args -p time_scale:=5.0'
+EXAMPLE = """\
+ros2 run calib_capture arm --ros-args -p time_scale:=5.0
+  ros2 run calib_capture sim_arm --ros-args -r __ns:=/left"""
 STEPPED_IDLE = 0.05  # s: in stepped simulation an arm at rest lives in real time, at this beat
 STEPPED_BURST = 40  # states published at once: less than half of what a subscriber keeps
 STEPPED_PAUSE = 0.025  # s between bursts of one motion: what subscribers in Python keep up with
@@ -93,7 +95,9 @@ class ArmNode(Node):
         # the model that the arm moves by: its limits and speeds are the description's
         self._model = PinocchioArm(self._arm).model
         self._publish_descriptions()
-        self._states = self.create_publisher(JointState, JOINT_STATES.name, qos_of(JOINT_STATES))
+        self._states = self.create_publisher(
+            JointState, JOINT_STATES.relative, qos_of(JOINT_STATES)
+        )
         self._time = time.time_ns()  # of the last published state, in the arm's own time
         self._wall = time.monotonic_ns()
         self._began = self._time
@@ -101,10 +105,15 @@ class ArmNode(Node):
         self._steps: list[float] = []
         self._rested = 0.0
         self.create_subscription(
-            JointTrajectory, JOINT_TRAJECTORY.name, self._on_trajectory, qos_of(JOINT_TRAJECTORY)
+            JointTrajectory,
+            JOINT_TRAJECTORY.relative,
+            self._on_trajectory,
+            qos_of(JOINT_TRAJECTORY),
         )
         self._timer = self._beating()
-        self.get_logger().info(f'{self._arm.name}, {self._arm.n} joints, {self._speed()}')
+        self.get_logger().info(
+            f'simulated arm, no hardware: {self._arm.name}, {self._arm.n} joints, {self._speed()}'
+        )
 
     def _beating(self) -> Timer:
         if self._scale > 0:
@@ -146,7 +155,7 @@ class ArmNode(Node):
         ]
 
     def _latch(self, topic: Topic, text: str) -> Publisher:
-        publisher = self.create_publisher(String, topic.name, qos_of(topic))
+        publisher = self.create_publisher(String, topic.relative, qos_of(topic))
         publisher.publish(String(data=text))
         return publisher
 

@@ -18,6 +18,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
+from calib_capture.checking import FirstSeconds
 from calib_capture.default_files import refuse_other_arm
 from calib_capture.motion import Trajectory
 from calib_capture.nodes.arm_commander import ArmCommander, node_names
@@ -44,7 +45,7 @@ from calib_capture.recording import (
 from calib_model.bags import TEMPERATURE_NOTE, FileAccount
 from calib_model.descriptions import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.errors import ParameterError
-from calib_model.instruments import ActiveProbe, PassiveProbe
+from calib_model.instruments import ActiveProbe, PassiveProbe, refuse_misfit
 from calib_model.labelling import SphereFinder
 from calib_model.nodes import joints_of, qos_of, stamp_of
 from calib_model.pairing import ClockEstimate, JointSample, Pairing, Reading
@@ -88,6 +89,7 @@ class CaptureNode(Node):
         self._changed: set[str] = set()  # what is described in another way than before
         self.asked = ParameterReader(self).read()
         self._session: ProgramSession | HandGuidedSession | TakingSession | None = None
+        self._first: FirstSeconds | None = None
         self._early: list[tuple[JointSample | Reading, bytes, Origin]] = []
         self._sampled = self._read = False
         self._listening = False
@@ -98,9 +100,11 @@ class CaptureNode(Node):
         self.failure: RunError | None = None
         self._odd = self._left_out = 0  # readings on end that no stylus makes, and all of them
         self.commanding = ArmCommander(self)
-        self._poses = self.create_publisher(ProbingPose, CAPTURE_POSES.name, qos_of(CAPTURE_POSES))
+        self._poses = self.create_publisher(
+            ProbingPose, CAPTURE_POSES.relative, qos_of(CAPTURE_POSES)
+        )
         self._undone = self.create_publisher(
-            ProbingPose, CAPTURE_UNDONE.name, qos_of(CAPTURE_UNDONE)
+            ProbingPose, CAPTURE_UNDONE.relative, qos_of(CAPTURE_UNDONE)
         )
         self.taking = TakeServices(self, self._pose_taker)
         self._listen_for_descriptions()
@@ -124,7 +128,7 @@ class CaptureNode(Node):
             if self._texts.setdefault(key, message.data) != message.data:
                 self._changed.add(key)
 
-        self.create_subscription(String, topic.name, keep, qos_of(topic))
+        self.create_subscription(String, topic.relative, keep, qos_of(topic))
 
     def _description(self, key: str, parse: Callable[[str, str], T]) -> T:
         if self.asked.paths[key]:
@@ -145,6 +149,7 @@ class CaptureNode(Node):
         self.arm = self._description('arm', parse_arm)
         self.probe = self._description('probe', parse_probe)
         self.gauge = self._description('gauge', parse_gauge)
+        refuse_misfit(self.probe, self.gauge)
         self._joint_names = self.arm.joint_names
 
     def planner(self) -> Planner:
@@ -194,7 +199,7 @@ class CaptureNode(Node):
         ):
             qos = qos_of(topic, best_effort=True)
             qos.depth = DEEP if self._led else qos.depth
-            self.create_subscription(kind, topic.name, Numbered(take), qos, raw=True)
+            self.create_subscription(kind, topic.relative, Numbered(take), qos, raw=True)
 
     def silent(self) -> str:
         """The streams from which nothing comes any more, and since when; empty when all do."""
@@ -230,7 +235,7 @@ class CaptureNode(Node):
             )
 
     def _publishers_of(self, topic: Topic) -> str:
-        return node_names(lambda: self.get_publishers_info_by_topic(topic.name))
+        return node_names(lambda: self.get_publishers_info_by_topic(topic.relative))
 
     def missing_streams(self) -> str:
         """What of arm and probe has not shown itself yet; empty when both are there."""
@@ -247,6 +252,7 @@ class CaptureNode(Node):
         self._count_anew()
         recorder = self._recorder(earlier)
         run = MeasuringRun(self.arm, program, self.asked.run, time.monotonic())
+        self._first = self._first_seconds(program)
         self._session = ProgramSession(
             run,
             Pairing(self.asked.steady),
@@ -258,6 +264,29 @@ class CaptureNode(Node):
             ClockEstimate(self.arm, self.probe, self.gauge),
         )
         return self._session
+
+    def _first_seconds(self, program: Program) -> FirstSeconds | None:
+        if not (self.asked.check and isinstance(self.probe, ActiveProbe)):
+            return None
+        gauge = self.gauge
+        places = [
+            self.placements[plan.location].apply(gauge.center(plan.sphere))
+            for plan in program.spheres
+        ]
+        return FirstSeconds(self.arm, self.probe, gauge, np.array(places))
+
+    def _objects(self, message: JointSample | Reading) -> bool:
+        """Whether what was heard first speaks against all that is to come."""
+        if self._first is None:
+            return False
+        self._first.see(message, time.monotonic())
+        if isinstance(self._session, ProgramSession):
+            self._first.refused(self._session.tally.taken, self._session.tally.refused)
+        if not self._first.objection:
+            return False
+        self.failure = self.failure or RunError(self._first.objection)
+        self._first = None
+        return True
 
     def _recorder(self, earlier: Sequence[FileAccount]) -> Recorder:
         asked = self.asked
@@ -352,7 +381,7 @@ class CaptureNode(Node):
 
     def end(self) -> None:
         """Leave the session and the arm: what comes from now on is none of its business."""
-        self._session = None
+        self._session = self._first = None
         self.commanding.leave()
 
     def stop_arm(self) -> None:
@@ -421,11 +450,15 @@ class CaptureNode(Node):
         if self._changed:  # until the next tick sees it: this may be of what nobody described to us
             return
         if origin is not Origin.ONE:
+            if self._first is not None:
+                self._first.start_over()
             of_arm = isinstance(message, JointSample)
             self._session.start_over(JOINT_STATES if of_arm else PROBE_DISPLACEMENTS)
+        elif isinstance(message, Reading) and not self._possible(message) or self._objects(message):
+            pass
         elif isinstance(message, JointSample):
             self._session.take_joints(message, raw)
-        elif self._possible(message):
+        else:
             self._session.take_reading(message, raw)
 
     def _possible(self, reading: Reading) -> bool:

@@ -28,7 +28,7 @@ class MarkerPublisher:
         self._planned: list[Marker] = []
         self._due = 0.0
         self._publisher = node.create_publisher(
-            MarkerArray, CAPTURE_MARKERS.name, qos_of(CAPTURE_MARKERS)
+            MarkerArray, CAPTURE_MARKERS.relative, qos_of(CAPTURE_MARKERS)
         )
 
     def places(self) -> None:

@@ -38,6 +38,9 @@ _CORRECT = (
     'pair readings with the joints by the estimated offset between their clocks; '
     'in mode continuous, where poses wait until it is known'
 )
+_CHECK = (
+    'look for wrong units, signs, rates and clocks in the first seconds, and end with the reason'
+)
 DESCRIBED = ('arm', 'probe', 'gauge')
 PROGRAM, CONTINUOUS = 'program', 'continuous'
 #: deg C, of a gauge that nobody measured
@@ -63,6 +66,7 @@ class CaptureParameters:
     moving: HandGuidedSettings = HandGuidedSettings()
     correct_clock: bool = False
     silence: float = 3.0
+    check: bool = True
     taught: str = ''
     writing: Folders = Folders('output_folders', ())
     assumed: bool = False  # the placements are the shipped example's, nobody gave them
@@ -112,6 +116,7 @@ class ParameterReader:
             silence=self._number(
                 'silence', 3.0, 's without a message after which a led capture is over', 0.1, 1e5
             ),
+            check=self._parameters.flag('check', True, _CHECK, _later),
             taught=self._parameters.text('taught', '', _TAUGHT),
             assumed=not places,
             writing=Folders(

@@ -57,7 +57,7 @@ class ReplayNode(Node):
             self.get_logger().warning(f'{message.topic} is left out: {found} is not installed')
             return
         qos = _profile(offered_qos(message.offered_qos))
-        self._topics[message.topic] = self.create_publisher(kind, message.topic, qos)
+        self._topics[message.topic] = self.create_publisher(kind, message.topic.lstrip('/'), qos)
 
     @property
     def playable(self) -> bool:

@@ -24,8 +24,8 @@ class TakeServices:
     def __init__(self, node: Node, taker: Callable[[], PoseTaker | None]) -> None:
         self._node = node
         self._taker = taker
-        node.create_service(Trigger, '/capture/take', self._answering(PoseTaker.take))
-        node.create_service(Trigger, '/capture/undo', self._answering(PoseTaker.undo))
+        node.create_service(Trigger, 'capture/take', self._answering(PoseTaker.take))
+        node.create_service(Trigger, 'capture/undo', self._answering(PoseTaker.undo))
 
     def _answering(
         self, act: Callable[[PoseTaker], str]

@@ -48,7 +48,7 @@ class TeachService:
         self._spheres: dict[int, dict[int, TaughtSphere]] = {}
         self.busy = False  # a capture is under way
         node.watch = self._see
-        node.create_service(Teach, '/capture/teach', self._teach)
+        node.create_service(Teach, 'capture/teach', self._teach)
 
     def _see(self, message: JointSample | Reading) -> None:
         if isinstance(message, JointSample):

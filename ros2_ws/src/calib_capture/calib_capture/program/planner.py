@@ -39,7 +39,7 @@ from calib_capture.program.program import (
 )
 from calib_capture.program.visiting_order import Visit, VisitingOrder
 from calib_model.arrays import Array, frozen
-from calib_model.instruments import Arm, Gauge, Probe
+from calib_model.instruments import Arm, Gauge, Probe, refuse_misfit
 from calib_model.progress import Pace, Progress, paced
 from calib_model.transforms import RigidTransform
 
@@ -84,12 +84,14 @@ class Planner:
 
     Raises:
         InverseError: the arm has fewer than six joints.
+        DataError: the gauge's spheres do not sit in the probe.
         ProgramError: the offsets asked for are beyond the styli's stroke.
         BodyError: the sizes given for the arm's links are not as many as it has.
     """
 
     def __init__(self, arm: Arm, probe: Probe, gauge: Gauge, settings: ProgramSettings) -> None:
         refuse_other_lengths(arm, gauge)
+        refuse_misfit(probe, gauge)
         self.arm = arm
         self.probe = probe
         self.gauge = gauge

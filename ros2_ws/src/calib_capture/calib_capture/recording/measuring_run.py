@@ -26,6 +26,7 @@ WORTH_ANOTHER_TRY = (
     Reason.STYLI_UNSTEADY,
 )
 STILL = 1e-4  # rad
+BETWEEN = 1.5  # s from one approach to the next, before there is a pace to tell by
 STAMP_STEP = 1e-6  # s: stamps are rounded
 STEP_ASIDE = 0.01  # rad of the last joint: enough for a new stop, little for the probe
 
@@ -76,6 +77,13 @@ class Tally:
     taken: int = 0
     replaced: int = 0
     refused: Counter[str] = field(default_factory=Counter)
+    #: the same by location, sphere and reason
+    refused_at: Counter[tuple[int, int, str]] = field(default_factory=Counter)
+
+    @property
+    def left(self) -> int:
+        """Of the planned poses, those that are still to be tried."""
+        return max(self.planned - self.done, 0)
 
     @property
     def done(self) -> int:
@@ -101,6 +109,9 @@ class MeasuringRun:
     def __init__(self, arm: Arm, program: Program, settings: RunSettings, now: float) -> None:
         self.settings = settings
         self.tally = Tally(len(program.poses))
+        standoffs = sum(pose.standoff for pose in program.poses)
+        self._expected = 2 * standoffs / settings.approach_speed
+        self._expected += (settings.hold + BETWEEN) * len(program.poses)
         self._way_to, self._touching = program.way_to, program.touching
         self._spares = {(plan.location, plan.sphere): list(plan.spares) for plan in program.spheres}
         self._arm = arm
@@ -252,6 +263,7 @@ class MeasuringRun:
     def _refuse(self, pose: PlannedPose, reason: str) -> None:
         """Count a pose as refused; another one of its sphere is tried in its place."""
         self.tally.refused[reason] += 1
+        self.tally.refused_at[pose.location, pose.sphere, reason] += 1
         spares = self._spares[pose.location, pose.sphere]
         if spares and reason != NO_ANSWER:
             self._todo.appendleft((spares.pop(0), 1))
@@ -292,5 +304,5 @@ class MeasuringRun:
     def seconds_left(self, now: float) -> float:
         """An estimate from the pace so far, s."""
         if not self.tally.done:
-            return float('nan')
+            return self._expected
         return (now - self._start) / self.tally.done * (self.tally.planned - self.tally.done)

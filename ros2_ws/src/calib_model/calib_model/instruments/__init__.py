@@ -26,7 +26,10 @@ if TYPE_CHECKING:
         Scale as Scale,
     )
     from calib_model.instruments.plausibility import (
+        WHOLE_ROOM as WHOLE_ROOM,
         refuse_impossible as refuse_impossible,
+        refuse_misfit as refuse_misfit,
+        seat_displacement as seat_displacement,
     )
     from calib_model.instruments.probe import (
         STYLI as STYLI,

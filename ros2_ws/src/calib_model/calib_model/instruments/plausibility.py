@@ -11,13 +11,53 @@ from calib_model.arrays import Array
 from calib_model.errors import DataError
 from calib_model.instruments.arm import Arm
 from calib_model.instruments.gauge import Gauge
-from calib_model.instruments.probe import PassiveProbe, Probe
+from calib_model.instruments.probe import ActiveProbe, PassiveProbe, Probe
 from calib_model.transforms import RigidTransform
 
 FARTHEST = 1e3  # m
 MOST_TURN = 1e3  # rad: degrees and turns written for rad stay below, to be named for what they are
 
+#: of half a stroke, that a sphere may push a stylus off its middle: to be probed, and at all
+ROOM, WHOLE_ROOM = 0.8, 1.001
+MEETING = 1e-3  # m that the axes of styli that meet may pass one another by
+
 Quantity = tuple[str, Array, float]  # what it is called, its values, the most that they may be
+
+
+def seat_displacement(probe: ActiveProbe, sphere_diameter: float) -> Array:
+    """Displacements (3,), m, by a sphere that is centred where the styli's axes meet; the middle of
+    the strokes where they do not meet, and where the sphere is out of reach there NaN."""
+    origin = np.array([stylus.origin for stylus in probe.styli])
+    along = np.array([stylus.direction for stylus in probe.styli])
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    across = np.eye(3) - along[:, :, None] * along[:, None, :]
+    meeting = np.linalg.pinv(across.sum(axis=0)) @ np.einsum('sij,sj->i', across, origin)
+    past = np.linalg.norm(np.einsum('sij,sj->si', across, meeting - origin), axis=1)
+    middle: Array = probe.stroke.mean(axis=1)
+    if past.max() > MEETING or abs(np.linalg.det(along)) < MEETING:
+        return middle
+    return probe.displacements(meeting[None], sphere_diameter)[0]
+
+
+def refuse_misfit(probe: Probe, gauge: Gauge, room: float = ROOM) -> None:
+    """Raise where a sphere of the gauge is too large or too small for an active probe's styli.
+
+    A sphere sits where the styli's axes meet; there each stylus needs some of its stroke to both
+    sides, or there is nothing to be read. `room` is what it may take of half a stroke.
+
+    Raises:
+        DataError: names probe, gauge and both diameters.
+    """
+    if not isinstance(probe, ActiveProbe):
+        return
+    middle, half = probe.stroke.mean(axis=1), np.ptp(probe.stroke, axis=1) / 2
+    off = seat_displacement(probe, gauge.sphere_diameter) - middle
+    if not (np.abs(off) <= room * half).all():
+        made_for = (gauge.sphere_diameter - 2 * np.mean(off)) * 1e3
+        raise DataError(
+            f'{probe.name}: its styli are made for spheres of about {made_for:.3g} mm, those of '
+            f'{gauge.name} have {gauge.sphere_diameter * 1e3:.4g} mm: they do not belong together'
+        )
 
 
 def refuse_impossible(arm: Arm, probe: Probe, gauge: Gauge, source: str) -> None:

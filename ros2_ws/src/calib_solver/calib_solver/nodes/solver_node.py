@@ -124,7 +124,7 @@ class SolverNode(Node):
         self._magnification, self._opened = read_parameters(self, self._magnify)
         self._last: Identification | PointIdentification | None = None
         self._markers = self.create_publisher(
-            MarkerArray, SOLVER_MARKERS.name, qos_of(SOLVER_MARKERS)
+            MarkerArray, SOLVER_MARKERS.relative, qos_of(SOLVER_MARKERS)
         )
         short, long = ReentrantCallbackGroup(), _AtMost(LONG)
         services = (

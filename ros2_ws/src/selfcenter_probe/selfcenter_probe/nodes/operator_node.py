@@ -122,9 +122,11 @@ class OperatorNode(Node):
         self._latched = [
             self._latch(topic, text) for topic, text in zip(DESCRIPTIONS, texts, strict=True)
         ]
-        self._states = self.create_publisher(JointState, JOINT_STATES.name, qos_of(JOINT_STATES))
+        self._states = self.create_publisher(
+            JointState, JOINT_STATES.relative, qos_of(JOINT_STATES)
+        )
         self._readings = self.create_publisher(
-            StylusDisplacements, PROBE_DISPLACEMENTS.name, qos_of(PROBE_DISPLACEMENTS)
+            StylusDisplacements, PROBE_DISPLACEMENTS.relative, qos_of(PROBE_DISPLACEMENTS)
         )
         self._offset = given.clock_offset
         self._counts = {self._states: 0, self._readings: 0}
@@ -188,7 +190,7 @@ class OperatorNode(Node):
             )
 
     def _latch(self, topic: Topic, text: str) -> Publisher:
-        publisher = self.create_publisher(String, topic.name, qos_of(topic))
+        publisher = self.create_publisher(String, topic.relative, qos_of(topic))
         publisher.publish(String(data=text))
         return publisher
 

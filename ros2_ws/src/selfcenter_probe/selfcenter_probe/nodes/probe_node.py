@@ -58,7 +58,9 @@ DIAGNOSTICS_PERIOD = 1.0  # s
 ABOUT = """\
 A simulated self-centering probe on the arm whose /joint_states it hears: publishes the styli's
 /probe/displacements, /probe_description, /gauge_description, and its health on /diagnostics."""
-EXAMPLE = 'ros2 run selfcenter_probe probe --ros-args -p seed:=3 -p rate:=500.0'
+EXAMPLE = """\
+ros2 run selfcenter_probe probe --ros-args -p seed:=3 -p rate:=500.0
+  ros2 run selfcenter_probe sim_probe --ros-args -r __ns:=/left"""
 
 
 @dataclass(frozen=True)
@@ -143,16 +145,20 @@ class ProbeNode(Node):
             self._latch(GAUGE_DESCRIPTION, gauge_yaml(gauge)),
         ]
         self._readings = self.create_publisher(
-            StylusDisplacements, PROBE_DISPLACEMENTS.name, qos_of(PROBE_DISPLACEMENTS)
+            StylusDisplacements, PROBE_DISPLACEMENTS.relative, qos_of(PROBE_DISPLACEMENTS)
         )
         self._health = Health()
-        self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS.name, 10)
+        self._diagnostics = self.create_publisher(DiagnosticArray, DIAGNOSTICS.relative, 10)
         self.create_timer(DIAGNOSTICS_PERIOD, self._diagnose)
         self.create_subscription(
-            JointState, JOINT_STATES.name, self._on_joints, qos_of(JOINT_STATES, best_effort=True)
+            JointState,
+            JOINT_STATES.relative,
+            self._on_joints,
+            qos_of(JOINT_STATES, best_effort=True),
         )
         self.get_logger().info(
-            f'{probe.name} on {arm.name}, {gauge.name} at {len(placements)} locations'
+            f'simulated probe, no hardware: {probe.name} on {arm.name}, {gauge.name} at '
+            f'{len(placements)} locations'
         )
 
     def _set_rate(self, rate: float) -> None:
@@ -164,7 +170,7 @@ class ProbeNode(Node):
         self._simulation.pace(self._rate, self._max_gap)
 
     def _latch(self, topic: Topic, text: str) -> Publisher:
-        publisher = self.create_publisher(String, topic.name, qos_of(topic))
+        publisher = self.create_publisher(String, topic.relative, qos_of(topic))
         publisher.publish(String(data=text))
         return publisher
 
