@@ -117,7 +117,7 @@ class CaptureNode(Node):
                 self._subscribe_description(key, topic)
         if self.asked.paths['probe']:  # the file says what it is, and the topic if it is real
             qos = qos_of(PROBE_DESCRIPTION)
-            self.create_subscription(String, PROBE_DESCRIPTION.name, self._note_simulated, qos)
+            self.create_subscription(String, PROBE_DESCRIPTION.relative, self._note_simulated, qos)
 
     def _note_simulated(self, message: String) -> None:
         self._simulated = self._simulated or 'simulated: true' in message.data.splitlines()
