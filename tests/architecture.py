@@ -34,13 +34,14 @@ BELOW = {
 }
 #: the rooms of each package: a room imports only what stands after it
 ORDER = {
-    'calib_model': 'nodes commands labelling pairing bags urdf descriptions kinematics measurement '
-    'measured_points instruments files topics progress command_line bounds stamps transforms '
-    'arrays errors lazy blas_threads',
+    'calib_model': 'nodes commands labelling pairing streams bags urdf descriptions kinematics '
+    'measurement measured_points instruments files topics progress command_line bounds stamps '
+    'transforms arrays errors lazy blas_threads starting',
     'selfcenter_probe': 'nodes commands operator simulation sensing',
     'calib_capture': 'nodes commands replaying recording program motion checking default_files',
-    'calib_solver': 'nodes commands acceptance calibration report results resampling held_out '
-    'points identification preparation left_out faults error_models compensation fitting quality '
+    'calib_solver': 'nodes commands serving acceptance calibration report results resampling '
+    'held_out points identification preparation left_out faults error_models compensation fitting '
+    'quality '
     'problem',
     'calib_bringup': 'demo launching showing variants processes domains',
 }
@@ -56,6 +57,7 @@ BASE = {
     'errors',
     'lazy',
     'blas_threads',
+    'starting',
 }
 #: a room's modules that others use under the module's name, as `cdr.decode`
 HANDED_ON_WHOLE = {'calib_model.bags.cdr'}

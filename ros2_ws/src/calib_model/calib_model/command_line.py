@@ -16,10 +16,9 @@ from threading import current_thread, main_thread
 from typing import Any, NoReturn
 
 from calib_model.errors import CalibrationError
+from calib_model.starting import ENDING, INTERRUPTED, begun, end_at_the_latest, handle
 
 BAD_INPUT = 2
-INTERRUPTED = 130
-ENDING = (signal.SIGTERM, signal.SIGHUP)
 #: objects more than were given back, after which Python looks for garbage
 GARBAGE = 100_000
 #: the command that starts all others where there is no ROS; argv[0] is then `calib NAME`
@@ -114,6 +113,16 @@ def run_command(work: Callable[[], int | None]) -> int:
     SIGHUP give 130; a reader that has gone away (`| head`) ends it quietly.
     """
     _end_as_by_ctrl_c()
+    try:
+        return _done(work)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    finally:
+        if begun():  # what is left is the interpreter's end
+            handle(lambda *_: None)
+
+
+def _done(work: Callable[[], int | None]) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         # names of files need not be text in the encoding of the terminal
         sys.stdout.reconfigure(errors='backslashreplace')
@@ -133,8 +142,6 @@ def run_command(work: Callable[[], int | None]) -> int:
         return _refused(
             CalibrationError('this needs what plans, not installed: pip install pin EAIK ruckig')
         )
-    except KeyboardInterrupt:
-        return INTERRUPTED
     except BrokenPipeError:
         _discard_output()
         return 0
@@ -148,7 +155,9 @@ def run_command(work: Callable[[], int | None]) -> int:
 
 
 def _end_as_by_ctrl_c() -> None:
-    """Let SIGTERM and SIGHUP, where nobody has other plans with them, unwind what is under way."""
+    """Let the signals that ask to end, where nobody has other plans with them, unwind what is under
+    way; what does not come to an end by that, as a library that swallows it, is ended soon after.
+    """
     if current_thread() is not main_thread():
         return  # a test's: signals are the main thread's
 
@@ -156,9 +165,13 @@ def _end_as_by_ctrl_c() -> None:
         # what is torn down then is torn down once
         for one in ENDING:
             signal.signal(one, signal.SIG_IGN)
+        end_at_the_latest(INTERRUPTED)
         raise KeyboardInterrupt
 
-    for number in ENDING:
+    if begun():
+        handle(interrupt)
+        return
+    for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is signal.SIG_DFL:
             signal.signal(number, interrupt)
 

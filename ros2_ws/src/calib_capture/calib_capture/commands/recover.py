@@ -31,7 +31,7 @@ def main() -> int:
 
 def _recover() -> int:
     parser = CommandParser('recover', ABOUT, EXAMPLE)
-    parser.add_argument('bad', metavar='BAD', type=Path, help="a bag's folder or .mcap file")
+    parser.add_argument('bad', metavar='BAD', type=Path, help="a bag's folder, .mcap or .db3 file")
     parser.add_argument('out', metavar='OUT', type=Path, help='folder to make')
     given = parser.parse_args()
     found = bags.recover(given.bad, given.out, Progress(sys.stderr))

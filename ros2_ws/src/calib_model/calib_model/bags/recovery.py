@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from mcap.records import (
     Channel,
@@ -20,7 +22,9 @@ from mcap.records import (
     Statistics,
 )
 from mcap.stream_reader import StreamReader, breakup_chunk
+from rosbags.typesys import TypesysError
 
+from calib_model.bags import cdr
 from calib_model.bags.decompression import chunk_content, unpacked_zstd
 from calib_model.bags.files import (
     METADATA,
@@ -47,6 +51,9 @@ from calib_model.files import (
     working_folder,
 )
 from calib_model.progress import Pace, Progress
+
+if TYPE_CHECKING:
+    from calib_model.bags.sqlite import KeptRow, KeptTopic
 
 UNBEGUN = 1 << 16  # bytes: a recording's first chunk, the descriptions, is smaller
 
@@ -107,7 +114,7 @@ def recover(bad: str | Path, out: str | Path, progress: Progress | None = None) 
             with BagWriter(part, chunk_size=1 << 20) as bag:
                 for file in files:
                     pace = Pace(progress, f'copying {file}', 'MB', 1e6)
-                    _copy(file, bag, found, pace)
+                    (_copy_sqlite if is_sqlite(file) else _copy)(file, bag, found, pace)
                     pace.end()
             if not found.messages:
                 raise BagError(f'{bad}: no complete chunk in it, nothing can be recovered')
@@ -197,8 +204,6 @@ def _files_of(bad: Path) -> list[Path]:
             raise
     for file in files:
         size_of(file)  # names a pipe
-        if is_sqlite(file):
-            raise BagError(f'{file}: only MCAP files are recovered')
     return files
 
 
@@ -257,6 +262,68 @@ def _copy(
         found.unread += size - used
 
 
+def _copy_sqlite(
+    file: Path, bag: BagWriter, found: Recovery, pace: Callable[[int, int], None]
+) -> None:
+    """Copy every message of an SQLite file; of a damaged one what can be read from both ends."""
+    from calib_model.bags.sqlite import kept_rows  # most bags do without
+
+    size, used, before = size_of(file), 0, 0
+    defined: dict[str, KeptTopic] = {}
+    numbers: list[int] = []
+
+    def taken(row: KeptRow) -> None:
+        nonlocal used
+        numbers.append(row.number)
+        used += len(row.data)
+        pace(min(used, size), size)
+        data = row.data
+        if row.topic.encoding == 'cdr' and data[:4] == ZSTD:
+            try:
+                data = unpacked_zstd(data)
+            except DAMAGE:
+                found.lost += 1
+                return
+        if defined.get(row.topic.name) is not row.topic:
+            bag.define(_kept_definition(row.topic))
+            defined[row.topic.name] = row.topic
+        bag.add(row.topic.name, data, row.time, row.time)
+        found.counts[row.topic.name] = found.counts.get(row.topic.name, 0) + 1
+
+    try:
+        for row in kept_rows(file):
+            taken(row)
+    except BagError:
+        found.damaged_chunks += 1
+        before = numbers[-1] if numbers else 0
+        rest = []
+        with suppress(BagError):
+            for row in kept_rows(file, backwards=True):
+                if row.number <= before:
+                    break
+                rest.append(row)
+        for row in reversed(rest):
+            taken(row)
+    if numbers:  # rows are numbered without a gap
+        found.lost += max(numbers) - min(numbers) + 1 - len(numbers)
+
+
+def _kept_definition(topic: KeptTopic) -> Definition:
+    schema, encoding = topic.schema.encode(), topic.schema_encoding
+    if not schema and topic.encoding == 'cdr':
+        with suppress(TypesysError):  # a type that nobody here knows
+            schema, encoding = cdr.schema_text(topic.type), 'ros2msg'
+    return Definition(
+        topic.name,
+        topic.type,
+        schema,
+        encoding or 'ros2msg',
+        _profiles(topic.offered_qos, topic.name),
+        topic.type_hash,
+        topic.encoding,
+    )
+
+
 def _until_damage(reader: StreamReader) -> Iterator[McapRecord]:
     try:
         yield from reader.records
@@ -304,16 +371,20 @@ def _copy_record(record: McapRecord, bag: BagWriter, known: _Known, found: Recov
 
 
 def _definition(channel: Channel, schema: Schema | None) -> Definition:
-    try:
-        qos = load_plain(channel.metadata.get('offered_qos_profiles', ''), channel.topic)
-    except DescriptionError:
-        qos = None
     return Definition(
         channel.topic,
         schema.name if schema is not None else '',
         schema.data if schema is not None else b'',
         schema.encoding if schema is not None else '',
-        qos if isinstance(qos, list) else [],
+        _profiles(channel.metadata.get('offered_qos_profiles', ''), channel.topic),
         channel.metadata.get('topic_type_hash', ''),
         channel.message_encoding,
     )
+
+
+def _profiles(text: str, topic: str) -> list[dict[str, Any]]:
+    try:
+        qos = load_plain(text, topic)
+    except DescriptionError:
+        return []
+    return qos if isinstance(qos, list) else []

@@ -12,13 +12,15 @@ from calib_model.topics import RawTopics
 @dataclass(frozen=True)
 class RawSettings:
     """What a user can say of a raw bag: its `topics`, the numbers of the `spheres` that were
-    probed where they are known, `settings` of the pairing that are not the bag's own, and whether
-    the arm stood still for each pose (None: the data tell)."""
+    probed where they are known, `settings` of the pairing that are not the bag's own, whether
+    the arm stood still for each pose (None: the data tell), and which `stamps` count (`header`,
+    `record`, `auto`)."""
 
     topics: RawTopics = RawTopics()
     spheres: tuple[int, ...] = ()
     settings: tuple[tuple[str, float], ...] = ()
     standing: bool | None = None
+    stamps: str = 'auto'
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from calib_model.errors import BagError, ContactError, DataError
 from calib_model.instruments import Arm, Gauge, PassiveProbe, Probe, known_centers
 from calib_model.kinematics import points
 from calib_model.labelling.certificate_match import Certificate
+from calib_model.labelling.mended_streams import mended_poses
 from calib_model.labelling.raw_settings import Instruments, RawSettings
 from calib_model.labelling.seated_poses import recorded_poses, seated_poses
 from calib_model.labelling.sphere_clusters import SeenLocation, SphereClustering, SphereClusters
@@ -25,18 +26,19 @@ from calib_model.pairing import (
     HAND_GUIDED_NOTE,
     NOTE,
     HandGuidedSettings,
+    Paired,
     RawBag,
+    RawStreams,
     SteadyPose,
+    SteadySettings,
     hand_guided_settings_of,
     pair_streams,
     read_raw,
     settings_of,
 )
-from calib_model.stamps import SECOND
 from calib_model.topics import ARM_DESCRIPTION, GAUGE_DESCRIPTION, PROBE_DESCRIPTION
 
 MOST_STRAYS = 5  # that are told one by one
-NEEDED_RATE = 50.0  # Hz of joint states, of an arm that moves while it is paired
 
 
 @dataclass(frozen=True)
@@ -66,14 +68,17 @@ def label_bag(
     if topics:
         _refuse_undescribed(path, given, topics)  # before hundreds of MB are read
     seatable = given.probe is None or isinstance(given.probe, PassiveProbe)
-    bag = read_raw(path, choice.topics, told, readings=not seatable)
+    bag = read_raw(path, choice.topics, told, readings=not seatable, stamps=choice.stamps)
     there = _instruments(path, given, bag.described)
     _refuse_unknown(choice, there)
     names = choice.topics.joints or there.arm.joint_names
     if isinstance(there.probe, PassiveProbe) and not bag.has_readings:
-        streams = bag.streams(names)
+        streams, *rest = bag.streams(names)
+        if rest:
+            raise BagError(f'{path}: the clock is set back: record what comes after by itself')
         seated = seated_poses(there.arm, there.probe, streams, choice)
         lines = [
+            *bag.lines,
             f'{path}: {len(streams.joints)} joint states in {streams.seconds:.0f} s and no '
             f'readings, of a passive probe',
             seated.line,
@@ -159,25 +164,16 @@ def _paired(path: str | Path, bag: RawBag, there: _Described, choice: RawSetting
         centers = known_centers(probe, displacement, gauge.sphere_diameter)
         return np.asarray(np.isfinite(centers).all(axis=1))
 
-    paired = pair_streams(streams, settings, choice.standing, guided, shift, touching)
-    lines = [
-        f'{path}: {len(streams.joints)} joint states and {len(streams.displacement)} readings in '
-        f'{streams.seconds:.0f} s',
-        *paired.lines(),
-    ]
-    if not paired.standing:
-        lines += _slow_states(streams.joints, streams.joint_stamp)
-    if streams.late:
-        lines.append(
-            f'{streams.late} messages out of order, or with stamps that came twice, left out'
-        )
-    poses, p_base, unusable = _seen(arm, probe, gauge, paired.poses)
+    def pair(part: RawStreams, settings: SteadySettings) -> Paired:
+        return pair_streams(part, settings, choice.standing, guided, shift, touching)
+
+    found = mended_poses(path, streams, names, settings, pair)
+    lines = [*bag.lines, *found.lines]
+    poses, p_base, unusable = _seen(arm, probe, gauge, found.poses)
     if unusable:
         lines.append(f'{unusable} poses left out: readings that no sphere of the gauge gives')
     if not poses:
-        why = f'{paired.stops} stops and {paired.contacts} contacts'
-        reasons = f'; stops refused: {paired.reasons}' if paired.refused else ''
-        raise BagError(f'{path}: no pose comes of its {why} with good readings{reasons}')
+        raise BagError('; '.join((f'{path}: {found.why}', *bag.lines)))
     return _sorted(path, there, choice, poses, p_base, lines)
 
 
@@ -199,22 +195,6 @@ def _sorted(
     measured = Measurement(there.arm, there.probe, there.gauge, by_place, str(path))
     told = (*lines, *_told_apart(grouped))
     return Sorted(measured, tuple(grouped.locations), certificate, grouping.near, told)
-
-
-def _slow_states(joints: Array, stamp: NDArray[np.int64]) -> list[str]:
-    """A line where the joints of an arm that moves are new less often than pairing needs."""
-    new = np.flatnonzero((np.diff(joints, axis=0) != 0).any(axis=1)) + 1
-    if len(new) < 3:
-        return []
-    every, sent = np.median(np.diff(stamp[new])), np.median(np.diff(stamp))
-    if every <= SECOND / NEEDED_RATE:
-        return []
-    repeated = f' ({SECOND / sent:.0f} are sent, most of them repeat)' if every > 2 * sent else ''
-    return [
-        f'warning: joint positions are new {SECOND / every:.1f} times a second{repeated}: of an '
-        f'arm that is led {NEEDED_RATE:.0f} and more are needed, poses are off by what it does '
-        'between'
-    ]
 
 
 def _guided(note: Mapping[str, str], source: str) -> tuple[HandGuidedSettings | None, int]:
@@ -242,8 +222,7 @@ def _refuse_undescribed(path: str | Path, given: Instruments, there: Container[s
 def _seen(
     arm: Arm, probe: Probe, gauge: Gauge, poses: Sequence[SteadyPose]
 ) -> tuple[list[SteadyPose], Array, int]:
-    """Poses in time order, where the arm sees their sphere (N, 3), and how many cannot be used."""
-    poses = sorted(poses, key=lambda pose: pose.stamp)
+    """The poses, where the arm sees their sphere (N, 3), and how many cannot be used."""
     usable, centers = [], []
     try:
         displacement = np.array([pose.displacement for pose in poses]).reshape(-1, 3)

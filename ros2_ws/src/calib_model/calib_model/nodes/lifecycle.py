@@ -24,6 +24,7 @@ from rclpy.utilities import remove_ros_args
 from calib_model.command_line import CommandParser, UsageError
 from calib_model.errors import ParameterError
 from calib_model.nodes.parameters import Sheet, warn_of_unknown
+from calib_model.starting import end_at_the_latest, handle
 
 MOST_DOMAIN = 232
 TWICE = 2.0  # s within which signals count as one
@@ -94,7 +95,7 @@ def init(argv: list[str]) -> None:
 
 
 class _Stop:
-    """Set by the first SIGINT or SIGTERM; one that comes later does what it does by default.
+    """Set by the first SIGINT, SIGTERM or SIGHUP; a later one does what it does by default.
 
     Ctrl-C in a terminal comes twice to what `ros2 launch` has started: from the terminal, and from
     launch.
@@ -103,8 +104,7 @@ class _Stop:
     def __init__(self) -> None:
         self.asked = False
         self._since = 0.0
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._ask)
+        handle(self._ask)
 
     def _ask(self, number: int, frame: FrameType | None) -> None:
         now = time.monotonic()
@@ -113,14 +113,18 @@ class _Stop:
             os.kill(os.getpid(), number)
         elif not self.asked:
             self.asked, self._since = True, now
+            end_at_the_latest(0)
 
 
 def run_node(
     command: NodeCommand,
     make: Callable[[], Node],
     executor: Callable[[], Executor] = SingleThreadedExecutor,
+    end_work: Callable[[Any], None] | None = None,
 ) -> None:
     """Run the node that `make` returns until SIGINT or SIGTERM, or say `--help`.
+
+    `end_work` of the node ends what its callbacks are at, before it is taken down.
 
     rclpy's own handler of SIGTERM shuts the context down from a thread of its own, whatever the
     node is doing: now and then a traceback, now and then a wait without end. Here a signal is a
@@ -134,14 +138,16 @@ def run_node(
     command.parse(sys.argv)
     init(sys.argv)
     try:
-        _spin(make(), executor(), stop)
+        _spin(make(), executor(), stop, end_work)
     except (InvalidParameterTypeException, InvalidParameterValueException) as error:
         raise ParameterError(str(error)) from error
     finally:
         rclpy.try_shutdown()
 
 
-def _spin(node: Node, executor: Executor, stop: _Stop) -> None:
+def _spin(
+    node: Node, executor: Executor, stop: _Stop, end_work: Callable[[Any], None] | None
+) -> None:
     warn_of_unknown(node)
     # Python sees a signal only between two waits, so there has to be an end to each
     node.create_timer(WAKE_PERIOD, lambda: None, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -150,6 +156,8 @@ def _spin(node: Node, executor: Executor, stop: _Stop) -> None:
         while not stop.asked:
             executor.spin_once(WAKE_PERIOD)
     finally:
+        if end_work is not None:
+            end_work(node)
         time.sleep(LAST_CALLBACKS)
         executor.shutdown()
         node.destroy_node()

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
         estimate_clock_offset as estimate_clock_offset,
     )
     from calib_model.pairing.from_streams import (
+        Paired as Paired,
         pair_streams as pair_streams,
         recorded_outcomes as recorded_outcomes,
     )

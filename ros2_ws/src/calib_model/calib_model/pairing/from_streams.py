@@ -23,6 +23,7 @@ from calib_model.stamps import SECOND
 APART = 0.1  # s between readings that belong to one contact
 SEATED = 0.05  # s at both ends of a contact in which the sphere may not sit yet
 FINE = 0.05  # s between joint states up to which the way between them is known
+SELDOM = 0.25  # s, where they come no oftener: of an arm that stands
 PER_STOP = 1.0  # rad in contact for every stop: more of a way is worth more than its stops
 CANDIDATES = 0.01  # s between readings that are looked at
 Touching = Callable[[Array], NDArray[np.bool_]]  # which readings (N, 3), m, a sphere gives
@@ -207,6 +208,10 @@ def _contacts(streams: RawStreams) -> Iterator[_Contact]:
     good = np.flatnonzero((streams.status == 0).all(axis=1) & number)
     if not len(good):
         return
+    usual = (
+        float(np.median(np.diff(streams.joint_stamp))) / SECOND if len(streams.joints) > 1 else 0.0
+    )
+    fine = max(FINE, min(SELDOM, WIDE * usual))
     # a reading that is not good ends a contact as well as a gap does
     apart = (np.diff(t[good]) > APART * SECOND) | (np.diff(good) > 1)
     for part in np.split(good, np.flatnonzero(apart) + 1):
@@ -214,7 +219,7 @@ def _contacts(streams: RawStreams) -> Iterator[_Contact]:
             t[part] <= t[part[-1]] - SEATED * SECOND
         )
         rows = _thinned(t, part[inside])
-        there = interpolated(streams.joint_stamp, streams.joints, t[rows], FINE)
+        there = interpolated(streams.joint_stamp, streams.joints, t[rows], fine)
         if there.known.sum() >= 2:
             q = there.joints[there.known]
             steps = np.linalg.norm(np.diff(q, axis=0), axis=1)

@@ -6,10 +6,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
+from calib_model.arrays import Array
 from calib_model.bags import BagDescriptions, PoseMessages, Told, listed_topics, read_messages
 from calib_model.errors import BagError
 from calib_model.measurement import ProbingSet
@@ -21,9 +23,10 @@ from calib_model.pairing.stream_columns import (
     little_endian,
     reading_blocks,
 )
-from calib_model.pairing.stream_order import STEP_BACK, Rows
+from calib_model.pairing.stream_order import Rows
 from calib_model.pairing.streams import RawStreams, RecordedStreams
 from calib_model.stamps import SECOND
+from calib_model.streams import Part, put_together, tell_no_time
 from calib_model.topics import (
     DESCRIPTIONS,
     DISPLACEMENTS,
@@ -46,57 +49,79 @@ class RawBag:
     topics: RawTopics
     described: BagDescriptions
     poses: ProbingSet | None = None
+    lines: list[str] = field(default_factory=list)  # what was made of them
     _joints: list[JointBlock] = field(default_factory=list)
     _readings: list[ReadingBlock] = field(default_factory=list)
 
     def recorded(self, names: Sequence[str]) -> RecordedStreams:
         """The streams as they were received, with the joints of these names, in this order; joint
-        states that lack one of them, or have no number for it, are left out."""
-        chosen = [block for block in self._joints if set(names) <= set(block.names)]
-        columns = [[block.names.index(name) for name in names] for block in chosen]
-        q = _joined(
-            [block.position[:, order] for block, order in zip(chosen, columns, strict=True)],
-            np.zeros((0, len(names))),
-        )
-        number, stamp = _joined([b.rows for b in chosen]), _joined([b.stamp for b in chosen])
-        states = np.argsort(number)
-        states = states[(np.abs(q[states]) <= LARGEST).all(axis=1)]
+        states that lack one of them, or have no number for it, are left out, and joints that come
+        in several messages are put together."""
+        part = self._whole(names) or self._spread(names)
+        states = _rows(part.number, _usable(part.joints))
         read = _joined([block.displacement for block in self._readings], np.zeros((0, 3)))
-        read_number = _joined([block.rows for block in self._readings])
-        readings = np.argsort(read_number)
-        sound = (np.abs(read) <= LARGEST).all(axis=1)
+        number = _joined([block.rows for block in self._readings])
+        read[~_usable(read)] = np.nan
+        readings = _rows(number, np.ones(len(number), dtype=np.bool_))
         return RecordedStreams(
-            number[states],
-            stamp[states],
-            q[states],
-            read_number[readings],
+            part.number[states],
+            part.stamp[states],
+            part.joints[states],
+            number[readings],
             _joined([block.stamp for block in self._readings])[readings],
-            np.where(sound[:, None], read, np.nan)[readings],
+            read[readings],
             _joined([block.status for block in self._readings], NO_STATUS)[readings],
         )
+
+    def _whole(self, names: Sequence[str]) -> Part | None:
+        """The joint states that have all of the joints; None: there are none."""
+        chosen = [block for block in self._joints if set(names) <= set(block.names)]
+        return _part(chosen, names, range(len(names))) if chosen else None
+
+    def _spread(self, names: Sequence[str]) -> Part:
+        """Joint states of which each has some of the joints."""
+        groups: dict[tuple[int, ...], list[int]] = {}
+        for column, name in enumerate(names):
+            having = (row for row, block in enumerate(self._joints) if name in block.names)
+            groups.setdefault(tuple(having), []).append(column)
+        if () in groups:
+            self._refuse_names(names)
+        together = put_together(
+            [
+                _part([self._joints[row] for row in rows], [names[c] for c in columns], columns)
+                for rows, columns in groups.items()
+            ]
+        )
+        texts = [' '.join(names[column] for column in columns) for columns in groups.values()]
+        self.lines.append(
+            f'{self.topics.joint_states}: joints come in several messages ({"; ".join(texts)}), '
+            f'put together by their stamps: {len(together.stamp)} joint states'
+        )
+        return together
 
     @property
     def has_readings(self) -> bool:
         """Whether there is any probe reading."""
         return bool(self._readings)
 
-    def streams(self, names: Sequence[str], lateness: float = 0.0) -> RawStreams:
+    def streams(self, names: Sequence[str], lateness: float = 0.0) -> list[RawStreams]:
         """The streams in order, with the joints of these names, in this order; no readings where
-        the bag has none.
+        the bag has none. In several parts where a clock was set back.
 
         Raises:
             BagError: no joint state has them all, or the streams cannot belong together.
         """
-        if not any(set(names) <= set(block.names) for block in self._joints):
-            self._refuse_names(names)
         recorded = self.recorded(names)
         self._refuse_stamps(recorded.joint_stamp, self.topics.joint_states)
         if self.has_readings:
             self._refuse_stamps(recorded.reading_stamp, self.topics.displacements)
-        found = recorded.ordered(lateness)
-        if self.has_readings:
-            self._refuse_apart(found)
-        return found
+        parts = [part.ordered(lateness) for part in recorded.stretches()]
+        used = [part for part in parts if _together(part) or not self.has_readings]
+        if not used:
+            self._refuse_apart(max(parts, key=lambda part: len(part.joints)))
+        if len(parts) > 1:
+            self.lines.append(self._stepped_back(recorded, len(used)))
+        return used
 
     def refuse_missing(self, readings: bool = True) -> None:
         """Refuse it where it lacks one of the streams.
@@ -112,40 +137,100 @@ class RawBag:
             raise BagError(f"{self.path}: {topic} has no message with all of the arm's joints")
         if not stamp.any():
             raise BagError(f'{self.path}: {topic} has no stamps, they are all 0')
-        back = np.maximum.accumulate(stamp) - stamp
-        if back.max() > STEP_BACK:
-            raise BagError(
-                f'{self.path}: the stamps of {topic} fall back by {back.max() / SECOND:.3g} s, '
-                'as if the arm had been started anew: record what comes after in a bag of its own'
-            )
 
-    def _refuse_names(self, names: Sequence[str]) -> None:
+    def _stepped_back(self, recorded: RecordedStreams, used: int) -> str:
+        back = max(
+            int((np.maximum.accumulate(stamp) - stamp).max(initial=0))
+            for stamp in (recorded.joint_stamp, recorded.reading_stamp)
+        )
+        return (
+            f'warning: {self.path}: the clock is set back, by {back / SECOND:.3g} s at most: read '
+            f'as {used} recordings, one after the other'
+        )
+
+    def by_recording(self, how: str) -> None:
+        """Let all messages count by when they were recorded, where `how` is `record`, or `auto` and
+        their own stamps tell no time."""
+        if how == 'header':
+            return
+        if how == 'auto':
+            why = _no_time(self.topics.joint_states, self._joints)
+            why = why or _no_time(self.topics.displacements, self._readings)
+            if not why:
+                return
+            self.lines.append(
+                f'warning: {self.path}: {why}: both topics go by when they were recorded '
+                '(--stamps record)'
+            )
+        self._joints = [replace(block, stamp=block.logged) for block in self._joints]
+        self._readings = [replace(block, stamp=block.logged) for block in self._readings]
+
+    def _refuse_names(self, names: Sequence[str]) -> NoReturn:
         seen = list(dict.fromkeys(name for block in self._joints for name in block.names))
         missing = [name for name in names if name not in seen]
-        if not missing:
-            raise BagError(
-                f'{self.path}: no message on {self.topics.joint_states} has all of the joints '
-                f'{", ".join(names)}'
-            )
         some = ', '.join(seen[:MOST_SHOWN]) + (', ...' if len(seen) > MOST_SHOWN else '')
         raise BagError(
             f'{self.path}: {self.topics.joint_states} has no joint {missing[0]} (it has '
             f"{some}): say which are the arm's, base first, with --joints"
         )
 
-    def _refuse_apart(self, found: RawStreams) -> None:
-        first, last = found.joint_stamp[[0, -1]]
-        inside = (found.reading_stamp >= first) & (found.reading_stamp <= last)
-        if not inside.any():
-            away = (found.reading_stamp[0] - first) / SECOND
-            raise BagError(
-                f'{self.path}: no reading falls between the joint states, the first is '
-                f'{away:+.6g} s from theirs: two clocks?'
-            )
+    def _refuse_apart(self, found: RawStreams) -> NoReturn:
+        if not len(found.reading_stamp):
+            raise BagError(f'{self.path}: no reading while there are joint states')
+        away = (found.reading_stamp[0] - found.joint_stamp[0]) / SECOND
+        raise BagError(
+            f'{self.path}: no reading falls between the joint states, the first is '
+            f'{away:+.6g} s from theirs: two clocks? (--stamps record goes by one)'
+        )
 
 
 def _joined(parts: Sequence[np.ndarray], none: np.ndarray | None = None) -> Any:
     return np.concatenate(parts) if parts else np.zeros(0, np.int64) if none is None else none
+
+
+def _usable(values: Array) -> NDArray[np.bool_]:
+    """Which rows (N, k) hold numbers alone that a sensor may give."""
+    return np.asarray(((values <= LARGEST) & (values >= -LARGEST)).all(axis=1))
+
+
+def _rows(number: Rows, kept: NDArray[np.bool_]) -> Rows | slice:
+    """Those that are kept, in the order of their numbers; all of them as they are is no copy, of
+    what may be hundreds of MB."""
+    if kept.all() and (np.diff(number) > 0).all():
+        return slice(None)
+    rows = np.argsort(number, kind='stable')
+    return rows[kept[rows]]
+
+
+def _part(blocks: Sequence[JointBlock], names: Sequence[str], columns: Sequence[int]) -> Part:
+    orders = [[block.names.index(name) for name in names] for block in blocks]
+    return Part(
+        tuple(columns),
+        np.concatenate([block.rows for block in blocks]),
+        np.concatenate([block.stamp for block in blocks]),
+        np.concatenate(
+            [block.position[:, order] for block, order in zip(blocks, orders, strict=True)]
+        ),
+    )
+
+
+def _together(part: RawStreams) -> bool:
+    """Whether a reading falls between the joint states."""
+    if not len(part.joint_stamp):
+        return False
+    first, last = part.joint_stamp[[0, -1]]
+    return bool(((part.reading_stamp >= first) & (part.reading_stamp <= last)).any())
+
+
+def _no_time(topic: str, blocks: Sequence[Any]) -> str:
+    """Why the stamps of a topic tell no time, in words; '' where they do."""
+    if not blocks:
+        return ''
+    # of several kinds, the usual one
+    most = max(blocks, key=lambda block: len(block.rows))
+    content = most.position if isinstance(most, JointBlock) else most.displacement
+    why = tell_no_time(most.stamp, most.logged, content)
+    return f'the stamps in the headers of {topic} {why}' if why else ''
 
 
 class _Block:
@@ -163,22 +248,26 @@ class _Block:
         self._decode, self._into = decode, into
         self._waiting: list[bytes] = []
         self._numbers: list[int] = []
+        self._logged: list[int] = []
         self.count = 0
 
-    def add(self, data: bytes, number: int) -> None:
+    def add(self, data: bytes, number: int, logged: int) -> None:
         self.count += 1
         self._waiting.append(data)
         self._numbers.append(number)
+        self._logged.append(logged)
         if len(self._waiting) >= BLOCK:
             self.decode()
 
     def decode(self) -> None:
         waiting, self._waiting = self._waiting, []
         numbers, self._numbers = np.array(self._numbers, dtype=np.int64), []
+        logged, self._logged = np.array(self._logged, dtype=np.int64), []
         try:
             messages = [little_endian(self.kind, data) for data in waiting]
             self._into += [
-                replace(block, rows=numbers[block.rows]) for block in self._decode(messages)
+                replace(block, rows=numbers[block.rows], logged=logged[block.rows])
+                for block in self._decode(messages)
             ]
         except ValueError as error:
             raise BagError(f'{self.path}: {self.topic}: {error}') from error
@@ -190,9 +279,13 @@ def read_raw(
     told: Told | None = None,
     with_poses: bool = False,
     readings: bool = True,
+    stamps: str = 'auto',
 ) -> RawBag:
     """The raw streams of a bag and what descriptions it has; `with_poses` its poses as well. Not
     `readings`: it may be without any, as of a passive probe.
+
+    `stamps` says which count: those in the messages' `header`, those of when they were recorded,
+    `record`, or, `auto`, the latter where the former tell no time.
 
     Raises:
         BagError: no bag, a topic missing or of another type, or a message that cannot be read.
@@ -221,12 +314,13 @@ def read_raw(
             raise BagError(
                 f'{path}: topic {message.topic} has type {message.type}, not {block.kind}'
             )
-        block.add(message.data, number)
+        block.add(message.data, number, message.log_time)
     for block in blocks.values():
         block.decode()
     if not all(block.count for block in blocks.values()):
         bag.refuse_missing(readings)
     bag.poses = poses.read()
+    bag.by_recording(stamps)
     return bag
 
 

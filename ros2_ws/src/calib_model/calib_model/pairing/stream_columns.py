@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,10 @@ MOST_LAYOUTS = 1000  # each is looked for in all messages
 Bytes = NDArray[np.uint8]
 
 
+def _no_rows() -> Rows:
+    return np.zeros(0, dtype=np.int64)
+
+
 @dataclass(frozen=True)
 class JointBlock:
     """Joint states that name the same joints: `rows` (N,) of the messages they come from, `stamp`
@@ -33,6 +37,7 @@ class JointBlock:
     rows: Rows
     stamp: Rows
     position: Array
+    logged: Rows = field(default_factory=_no_rows)  # when they were recorded, ns
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,7 @@ class ReadingBlock:
     stamp: Rows
     displacement: Array
     status: Bytes
+    logged: Rows = field(default_factory=_no_rows)
 
 
 def joint_blocks(messages: Sequence[bytes]) -> Iterator[JointBlock]:

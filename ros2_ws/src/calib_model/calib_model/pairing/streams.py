@@ -43,6 +43,12 @@ class RawStreams:
         return float(self.joint_stamp[-1] - self.joint_stamp[0]) / SECOND
 
 
+def _uncopied(rows: Rows, of: Rows) -> Rows | slice:
+    """The rows; all of them in their order as a slice, which copies nothing."""
+    whole = len(rows) == len(of) and bool((rows[1:] > rows[:-1]).all())
+    return slice(None) if whole else rows
+
+
 @dataclass(frozen=True)
 class RecordedStreams:
     """Both streams as they were received: `joint_number` (M,) and `reading_number` (N,) say which
@@ -74,14 +80,15 @@ class RecordedStreams:
             last = self.reading_stamp.max() - round(lateness * SECOND)
             readings = readings[self.reading_stamp[readings] <= last]
             count = int((self.reading_stamp <= last).sum())
+        late = len(self.joint_stamp) - len(states), count - len(readings)
+        arm, probe = _uncopied(states, self.joint_stamp), _uncopied(readings, self.reading_stamp)
         return RawStreams(
-            self.joint_stamp[states],
-            self.joints[states],
-            self.reading_stamp[readings],
-            self.displacement[readings],
-            self.status[readings],
-            len(self.joint_stamp) - len(states),
-            count - len(readings),
+            self.joint_stamp[arm],
+            self.joints[arm],
+            self.reading_stamp[probe],
+            self.displacement[probe],
+            self.status[probe],
+            *late,
         )
 
     def stretches(self) -> Iterator[RecordedStreams]:

@@ -8,6 +8,7 @@ from argparse import Namespace
 from calib_model import labelling
 from calib_model.bounds import PAIRING
 from calib_model.command_line import CommandParser, UsageError, number_from
+from calib_model.streams import HOW
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS, RawTopics
 
 MOTIONS = {'auto': None, 'standing': True, 'led': False}
@@ -56,6 +57,13 @@ def add_raw_arguments(parser: CommandParser) -> None:
         help='standing: the arm stopped for each pose; led: it was led around the spheres in '
         'contact; auto (default): the data tell',
     )
+    group.add_argument(
+        '--stamps',
+        default='auto',
+        metavar='HOW',
+        help="header: what the messages' headers say counts; record: when they were recorded; "
+        'auto (default): the latter where headers tell no time',
+    )
     for name, text in SETTINGS.items():
         group.add_argument(
             f'--{name.replace("_", "-")}',
@@ -76,9 +84,13 @@ def raw_settings(given: Namespace) -> labelling.RawSettings:
     """
     if given.motion not in MOTIONS:
         raise UsageError(f'--motion: expected one of {", ".join(MOTIONS)}, got {given.motion!r}')
+    if given.stamps not in HOW:
+        raise UsageError(f'--stamps: expected one of {", ".join(HOW)}, got {given.stamps!r}')
     chosen = {name: getattr(given, name) for name in SETTINGS if getattr(given, name) is not None}
     if len(set(given.spheres)) < len(given.spheres):
         raise UsageError('--spheres: a number is there twice')
     topics = RawTopics(given.joint_states, given.displacements, tuple(given.joints))
     settings = tuple(chosen.items())
-    return labelling.RawSettings(topics, tuple(given.spheres), settings, MOTIONS[given.motion])
+    return labelling.RawSettings(
+        topics, tuple(given.spheres), settings, MOTIONS[given.motion], given.stamps
+    )

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a command's or node's first moment to its last: what a signal that asks it to end does.
+
+`commands/__init__.py` and `nodes/__init__.py` of each package call `begin`, before anything that
+takes time is loaded: nothing has been begun by then, so the process may end where it stands.
+`run_command` and `run_node` take over from there. `ros2 run` may start a process with these signals
+held back; they are let in here.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from types import FrameType
+
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+INTERRUPTED = 130
+LATEST = 4.0  # s after which a process that was asked to end does, whatever it is at
+
+
+_begun: set[str] = set()
+
+
+def begin(room: str, code: int = INTERRUPTED) -> None:
+    """End with exit code `code` on SIGINT, SIGTERM or SIGHUP from now on, where the process is a
+    command or node of `room` (`package.commands`, `package.nodes`) and not one that imports it."""
+    if not is_program(room):
+        return
+    _begun.add(room)
+    for number in ENDING:
+        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+            signal.signal(number, lambda *_: os._exit(code))
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
+
+
+def begun() -> bool:
+    """Whether this process is a command or node of ours, so that its signals are ours."""
+    return bool(_begun)
+
+
+def is_program(room: str) -> bool:
+    """Whether this process was started as a command or node of `room`; a worker process was not."""
+    worker = sys.modules.get('multiprocessing.process')
+    if worker is not None and worker.parent_process() is not None:
+        return False
+    module = _module()
+    if module:
+        return module == room or module.startswith(f'{room}.')
+    folder, script = os.path.split(sys.argv[0])
+    return script == 'calib' or os.path.basename(folder) == room.partition('.')[0]
+
+
+def program() -> str:
+    """What this process was started as: the script's name, or the module's after `python -m`."""
+    return _module().rpartition('.')[2] or os.path.basename(sys.argv[0])
+
+
+def handle(handler: Callable[[int, FrameType | None], None]) -> None:
+    """Let `handler` have those of the signals that nobody chose to ignore."""
+    for number in ENDING:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, handler)
+
+
+def end_at_the_latest(code: int) -> None:
+    """End a process of ours in `LATEST` s with exit code `code`, unless it has ended by then."""
+
+    def end() -> None:
+        time.sleep(LATEST)
+        os._exit(code)
+
+    if begun():
+        threading.Thread(target=end, daemon=True).start()
+
+
+def _module() -> str:
+    words = sys.orig_argv
+    for word, after in zip(words, words[1:], strict=False):
+        if word == '-m':
+            return after
+        if not word.startswith('-') and word != words[0]:
+            break
+    return ''
