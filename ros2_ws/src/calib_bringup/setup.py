@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+import sys
 from pathlib import Path
 
 from setuptools import find_packages, setup
@@ -27,6 +28,12 @@ setup(
         *shared('config', 'launch', 'rviz', 'foxglove', 'security', 'data'),
     ],
     install_requires=['setuptools'],
+    # signals wait until Python can answer them, as calib_model.starting says
+    options={
+        'build_scripts': {
+            'executable': f'/usr/bin/env -S --block-signal=INT,TERM,HUP {sys.executable}'
+        }
+    },
     zip_safe=False,
     maintainer='Calibration maintainers',
     maintainer_email='calibration@example.com',

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+import sys
 from glob import glob
 
 from setuptools import find_packages, setup
@@ -17,6 +18,12 @@ setup(
         (f'share/{PACKAGE}/config', sorted(glob('config/*.yaml'))),
     ],
     install_requires=['setuptools'],
+    # signals wait until Python can answer them, as calib_model.starting says
+    options={
+        'build_scripts': {
+            'executable': f'/usr/bin/env -S --block-signal=INT,TERM,HUP {sys.executable}'
+        }
+    },
     zip_safe=False,
     maintainer='Calibration maintainers',
     maintainer_email='calibration@example.com',

@@ -4,12 +4,15 @@
 import argparse
 import os
 import shlex
+import signal
 from typing import NoReturn
 
 from ..command_line import Refusal
 from ..nearest import nearest
 from ..packages import executables
 
+#: packages whose commands and nodes let in the signals that came while they were being loaded
+OURS = {'calib_model', 'selfcenter_probe', 'calib_capture', 'calib_solver', 'calib_bringup'}
 EXAMPLE = 'ros2 run calib_capture capture --ros-args -p output:=output/my_bag'
 
 
@@ -37,6 +40,8 @@ def start(package: str, name: str, argv: list[str], prefix: list[str]) -> NoRetu
         raise Refusal(f'No executable found{nearest(name, there)}')
     path = there[name]
     command = [*prefix, str(path), *argv]
+    if prefix or package not in OURS:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
     try:
         os.execvp(command[0], command)
     except OSError as error:

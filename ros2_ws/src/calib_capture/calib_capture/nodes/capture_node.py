@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -27,6 +26,7 @@ from calib_model.command_line import run_command
 from calib_model.errors import ParameterError
 from calib_model.nodes import NodeCommand, init, lean_executor, warn_of_unknown
 from calib_model.progress import Progress
+from calib_model.starting import INTERRUPTED, handle
 
 ABOUT = """\
 Runs a measuring program on the arm and the probe that it hears, and records the bag. With
@@ -35,23 +35,21 @@ EXAMPLE = """\
 ros2 run calib_capture capture --ros-args -p output:=output/my_bag -p poses_per_sphere:=20
   ros2 run calib_capture capture --ros-args -p serve:=true
   ros2 action send_goal --feedback /capture/run calib_interfaces/action/Capture "{bag: my_bag}\""""
-INTERRUPTED = 128  # plus the signal's number: the shell's exit code for it
 
 
 class _Stop:
     """Remembers a signal, so that nothing is cut off in the middle of a write."""
 
     def __init__(self) -> None:
-        self.signal = 0
-        signal.signal(signal.SIGINT, self._note)
-        signal.signal(signal.SIGTERM, self._note)
+        self._signal = 0
+        handle(self._note)
 
     def _note(self, number: int, _: FrameType | None) -> None:
-        self.signal = number
+        self._signal = number
 
     def asked(self) -> bool:
         """Whether there was one."""
-        return bool(self.signal)
+        return bool(self._signal)
 
 
 def _too_late(_: Sequence[Parameter]) -> SetParametersResult:
@@ -75,7 +73,7 @@ def _run_once(node: CaptureNode, executor: Executor, stop: _Stop) -> int:
         progress.say(CaptureRun(node, executor, Watcher(progress.say, show, stop.asked), showing)())
     except Stopped as stopped:
         progress.say(f'stopped: {stopped}')
-        return INTERRUPTED + stop.signal
+        return INTERRUPTED
     return 0
 
 
@@ -87,13 +85,14 @@ COMMAND = NodeCommand('calib_capture', 'capture', ABOUT, EXAMPLE, _read_paramete
 
 
 def _capture() -> int:
+    stop = _Stop()
     COMMAND.parse(sys.argv)
     init(sys.argv)
     node: CaptureNode | None = None
     try:
         node = CaptureNode()
         warn_of_unknown(node)
-        executor, stop = lean_executor(), _Stop()
+        executor = lean_executor()
         executor.add_node(node)
         if node.asked.serve:
             CaptureServer(node, executor, stop.asked).serve()

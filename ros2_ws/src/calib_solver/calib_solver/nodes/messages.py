@@ -47,8 +47,8 @@ from geometry_msgs.msg import Point, Vector3
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from calib_solver.nodes.residual_markers import Residuals
 from calib_solver.results import Record
+from calib_solver.serving import Residuals
 
 LINE_WIDTH = 0.0008  # m
 
@@ -253,7 +253,7 @@ def change(record: Record) -> CalibrationChange:
     return message
 
 
-def residual_markers(frame: str, shown: Sequence[Residuals]) -> MarkerArray:
+def residual_markers(frame: str, shown: Sequence[Residuals], magnification: float) -> MarkerArray:
     """Residuals for RViz and Foxglove, in place of all that were there before."""
     header = Header(frame_id=frame)
     markers = [Marker(header=header, action=Marker.DELETEALL)]
@@ -267,7 +267,7 @@ def residual_markers(frame: str, shown: Sequence[Residuals]) -> MarkerArray:
             action=Marker.ADD,
             scale=Vector3(x=LINE_WIDTH),
             color=ColorRGBA(r=red, g=green, b=blue, a=opacity),
-            points=[Point(x=x, y=y, z=z) for x, y, z in one.points.tolist()],
+            points=[Point(x=x, y=y, z=z) for x, y, z in one.lines(magnification).tolist()],
         )
         marker.pose.orientation.w = 1.0
         markers.append(marker)

@@ -9,10 +9,11 @@ import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context, parent_process
+from multiprocessing import active_children, get_context, parent_process
 from typing import Any, Protocol, TypeVar
 
 from calib_model.errors import CalibrationError
+from calib_model.starting import ENDING
 
 Item = TypeVar('Item')
 Result = TypeVar('Result')
@@ -75,6 +76,10 @@ def _pooled(
         raise CalibrationError(
             'a worker process died; with too little memory, fewer of them may do (CALIB_THREADS)'
         ) from error
+    except KeyboardInterrupt:
+        for process in active_children():  # else the end waits for what they are at
+            process.kill()
+        raise
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -85,9 +90,9 @@ def _submitted(
     items: Sequence[Item],
     workers: int,
 ) -> list[Future[Result]]:
-    # each of the first submissions starts a worker, which inherits the mask: Ctrl-C is this
-    # process' to answer, from a worker's first moment on
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    # each of the first submissions starts a worker, which inherits the mask: signals are this
+    # process' to answer, from a worker's first moment on, and not before it has been told its work
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
     try:
         first = [pool.submit(_do, work, item) for item in items[:workers]]
     finally:
