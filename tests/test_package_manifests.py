@@ -25,7 +25,7 @@ KEYS = {
     'yaml': 'python3-yaml',
     'zstandard': 'python3-rosbags-pip',  # which needs it too
 }
-WITHOUT_KEY = {'distributed', 'eaik', 'threadpoolctl'}
+WITHOUT_KEY = {'distributed', 'eaik', 'ruckig', 'threadpoolctl'}
 
 
 def imported(folders: list[Path]) -> set[str]:

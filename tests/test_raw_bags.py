@@ -189,4 +189,5 @@ def test_poses_are_left_alone_unless_raw_is_said(ours: Calibration, tmp_path: Pa
     assert ours.notes == ()
     anew = calibrate(replace(Sources((str(OURS),)), anew=True), Options())
     assert anew.notes
-    assert parameters(anew) == parameters(ours)
+    # the joints of a stop are averaged now: that rounds in another way than a single state did
+    assert parameters(anew) == pytest.approx(parameters(ours), rel=1e-10, abs=1e-14)

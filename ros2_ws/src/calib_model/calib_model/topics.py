@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -61,7 +61,19 @@ ROBOT_DESCRIPTION = Topic('/robot_description', STRING, depth=1, latched=True)
 CAPTURE_MARKERS = Topic('/capture/markers', MARKERS, depth=1, latched=True)
 SOLVER_MARKERS = Topic('/solver/markers', MARKERS, depth=1, latched=True)
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', depth=10)
-JOINT_TRAJECTORY = Topic('/arm_controller/joint_trajectory', TRAJECTORY, depth=1)
+CONTROLLER = 'arm_controller'
+JOINT_TRAJECTORY = Topic(f'/{CONTROLLER}/joint_trajectory', TRAJECTORY, depth=1)
+
+
+def commanded(controller: str) -> Topic:
+    """Where a controller of that name takes trajectories."""
+    return replace(JOINT_TRAJECTORY, name=JOINT_TRAJECTORY.name.replace(CONTROLLER, controller))
+
+
+def follow_action(controller: str) -> str:
+    """The action of a controller of that name, control_msgs/action/FollowJointTrajectory."""
+    return commanded(controller).relative.replace('joint_trajectory', 'follow_joint_trajectory')
+
 
 #: poses, and those that were taken back, by their stamps
 POSE_TOPICS = (CAPTURE_POSES, CAPTURE_UNDONE)

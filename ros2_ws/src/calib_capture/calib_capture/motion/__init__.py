@@ -21,17 +21,38 @@ if TYPE_CHECKING:
     from calib_capture.motion.free_paths import (
         FreePaths as FreePaths,
     )
+    from calib_capture.motion.interpolated_motion import (
+        InterpolatedMotion as InterpolatedMotion,
+        MotionState as MotionState,
+    )
     from calib_capture.motion.inverse_kinematics import (
         InverseKinematics as InverseKinematics,
+    )
+    from calib_capture.motion.jerk_limited import (
+        LEAD as LEAD,
+        Leg as Leg,
+        MotionError as MotionError,
+    )
+    from calib_capture.motion.limits import (
+        ACCELERATION as ACCELERATION,
+        JERK as JERK,
+        MotionLimits as MotionLimits,
+        motion_limits as motion_limits,
     )
     from calib_capture.motion.pinocchio_arm import (
         PinocchioArm as PinocchioArm,
     )
+    from calib_capture.motion.stopping import (
+        gentlest as gentlest,
+        stop as stop,
+    )
+    from calib_capture.motion.strict_controller import (
+        StrictController as StrictController,
+    )
     from calib_capture.motion.trajectory import (
-        Leg as Leg,
-        Motion as Motion,
         Trajectory as Trajectory,
         TrajectoryError as TrajectoryError,
+        check_trajectory as check_trajectory,
         checked_trajectory as checked_trajectory,
         travel_time as travel_time,
     )

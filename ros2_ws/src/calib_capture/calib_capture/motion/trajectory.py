@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Following a joint trajectory: straight lines between its points, never too fast."""
+"""A commanded joint trajectory, and what joint_trajectory_controller refuses of one."""
 
 from __future__ import annotations
 
@@ -12,9 +12,7 @@ from calib_model.arrays import Array, frozen
 from calib_model.errors import CalibrationError
 from calib_model.instruments import Arm, NDArrayBool
 
-DWELL_STEP = 0.05  # s: at rest, states this near let a probe be read between them
-MOTION_STEP = 5.0  # s: on the way, where nothing is measured
-REST = 1e-12  # rad
+NO_SPEED = 1.2e-7  # rad/s: what a controller lets pass as no velocity at the end
 
 
 class TrajectoryError(CalibrationError):
@@ -23,43 +21,95 @@ class TrajectoryError(CalibrationError):
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Where the joints are to be: `positions` (K, n) in rad at `seconds` (K,) from the start."""
+    """Where the joints are to be: `positions` (K, n) in rad at `seconds` (K,) from the start, and
+    as far as they are given their `velocities` (K, n) in rad/s and `accelerations` (K, n)."""
 
     seconds: Array
     positions: Array
+    velocities: Array | None = None
+    accelerations: Array | None = None
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the start to the last point."""
+        return float(self.seconds[-1])
+
+
+Rows = Sequence[Sequence[float]]
 
 
 def checked_trajectory(
-    arm: Arm, names: Sequence[str], seconds: Sequence[float], positions: Sequence[Sequence[float]]
+    arm: Arm,
+    names: Sequence[str],
+    seconds: Sequence[float],
+    positions: Rows,
+    velocities: Rows = (),
+    accelerations: Rows = (),
 ) -> Trajectory:
     """A trajectory in the arm's joint order from one whose `names` are in any order.
 
+    Empty rows of `velocities` and `accelerations` are fields that a point does not have; what not
+    every point has plays no part.
+
     Raises:
-        TrajectoryError: a joint is missing, unknown or out of its limits, a point has too few or
-            too many positions, a number is not finite, or the times do not increase.
+        TrajectoryError: what joint_trajectory_controller of Jazzy rejects, with its reason: no
+            points, joints missing or unknown, times that do not increase, fields of another
+            length, a velocity at the last point. Or a number that is not finite.
     """
     if sorted(names) != sorted(arm.joint_names):
         raise TrajectoryError(
             f'trajectory for joints {", ".join(names) or "none"}: '
             f'expected {", ".join(arm.joint_names)}'
         )
-    for number, point in enumerate(positions, start=1):
-        if len(point) != arm.n:
-            raise TrajectoryError(
-                f'trajectory point {number}: expected {arm.n} positions, got {len(point)}'
-            )
+    if not len(positions):
+        raise TrajectoryError('empty trajectory: to stop the arm, send where it is to stand')
     order = [list(names).index(name) for name in arm.joint_names]
-    times = np.asarray(seconds, dtype=np.float64)
-    q = np.asarray(positions, dtype=np.float64).reshape(-1, arm.n)[:, order]
-    _refuse(np.any(~np.isfinite(q), axis=1), 'has a position that is no number')
-    _refuse(np.less(times, 0.0), 'is due before the start')
-    late = np.insert(np.less_equal(times[1:], times[:-1]), 0, [False] * min(len(times), 1))
-    _refuse(late, 'is not later than the one before')
-    for joint, column in zip(arm.joints, q.T, strict=True):
-        lower, upper = joint.limits
-        outside = (column < lower) | (column > upper)
-        _refuse(outside, f'takes {joint.name} out of its limits {lower:.4f} to {upper:.4f} rad')
-    return Trajectory(frozen(times), frozen(q))
+    q = _field(arm, positions, 'positions', order)
+    v = _field(arm, velocities, 'velocities', order) if _all(velocities) else None
+    a = _field(arm, accelerations, 'accelerations', order) if _all(accelerations) else None
+    if len(velocities) and len(velocities[-1]):
+        _refuse_moving_end(np.asarray(velocities[-1]))
+    times = frozen(np.asarray(seconds, dtype=np.float64))
+    found = Trajectory(times, q, v, a if v is not None else None)
+    check_trajectory(found)
+    return found
+
+
+def check_trajectory(given: Trajectory) -> None:
+    """What is left to be looked at where all points have fields of the right length.
+
+    Raises:
+        TrajectoryError: a number is not finite, the times do not increase, or it does not end at
+            rest.
+    """
+    times = given.seconds
+    _refuse(np.insert(times[1:] <= times[:-1], 0, False), 'is not later than the one before')
+    _refuse(times < 0.0, 'is due before the start')
+    for what in ('positions', 'velocities', 'accelerations'):
+        rows = getattr(given, what)
+        if rows is not None:
+            _refuse(np.any(~np.isfinite(rows), axis=1), f'has {what} that are no numbers')
+    if given.velocities is not None:
+        _refuse_moving_end(given.velocities[-1])
+
+
+def _refuse_moving_end(velocity: Array) -> None:
+    if np.abs(velocity).max() > NO_SPEED:
+        raise TrajectoryError('the velocity of the last trajectory point is not zero')
+
+
+def _all(rows: Rows) -> bool:
+    return bool(len(rows)) and all(len(row) for row in rows)
+
+
+def _field(arm: Arm, rows: Rows, what: str, order: list[int]) -> Array:
+    for number, row in enumerate(rows, start=1):
+        if len(row) != arm.n:
+            raise TrajectoryError(
+                f'trajectory point {number}: expected {arm.n} {what}, got {len(row)}'
+            )
+    values = np.asarray(rows, dtype=np.float64).reshape(-1, arm.n)[:, order]
+    return frozen(values)
 
 
 def _refuse(bad: NDArrayBool, problem: str) -> None:
@@ -67,113 +117,8 @@ def _refuse(bad: NDArrayBool, problem: str) -> None:
         raise TrajectoryError(f'trajectory point {int(np.argmax(bad)) + 1} {problem}')
 
 
-class Motion:
-    """The way from posture `start` (n,) along a trajectory, as slow as the slowest joint needs.
-
-    A segment that asks for more than `velocity` (n,) rad/s takes longer, and all that follows it
-    comes later. Points' velocities and accelerations play no part.
-    """
-
-    def __init__(self, start: Array, trajectory: Trajectory, velocity: Array) -> None:
-        positions = np.vstack([start, trajectory.positions])
-        steps = np.diff(positions, axis=0)
-        asked = np.diff(trajectory.seconds, prepend=0.0)
-        durations = np.maximum(asked, np.max(np.abs(steps) / velocity, axis=1))
-        kept = durations > 0
-        self.positions = np.vstack([positions[0], positions[1:][kept]])
-        self.seconds = np.concatenate([[0.0], np.cumsum(durations[kept])])
-        self._speeds = steps[kept] / durations[kept, None]
-
-    @classmethod
-    def resting(cls, at: Array) -> Motion:
-        """No motion at all."""
-        return cls(at, Trajectory(np.zeros(0), np.zeros((0, len(at)))), np.ones(len(at)))
-
-    @property
-    def duration(self) -> float:
-        """Seconds until the last point."""
-        return float(self.seconds[-1])
-
-    def at(self, seconds: float) -> tuple[Array, Array]:
-        """Positions (n,) in rad and speeds (n,) in rad/s, `seconds` after the start.
-
-        Between motion and rest a joint stands still; before and after everything too.
-        """
-        coming = int(np.searchsorted(self.seconds, seconds, side='right'))
-        going = int(np.searchsorted(self.seconds, seconds, side='left'))
-        if coming == len(self.seconds) or going == 0:
-            last = self.positions[-1] if coming == len(self.seconds) else self.positions[0]
-            return last, np.zeros(len(last))
-        speed = self._speeds[coming - 1]
-        position = self.positions[coming - 1] + speed * (seconds - self.seconds[coming - 1])
-        before = self._speeds[going - 1]
-        return position, np.where(speed * before == 0, 0.0, (speed + before) / 2)
-
-    def instants(self) -> Array:
-        """Where a stepped simulation looks, s: ends of rests and motions, and a few between.
-
-        Points that are passed by without a rest are not looked at, but for those of a motion that
-        comes back to where it began: it would not be seen.
-        """
-        found: list[Array] = [np.zeros(1)]
-        for first, last, resting in self._stretches():
-            begin, end = self.seconds[first], self.seconds[last]
-            if not resting and np.abs(self.positions[last] - self.positions[first]).max() < REST:
-                found.append(self.seconds[first + 1 : last + 1])
-                continue
-            steps = int(np.ceil((end - begin) / (DWELL_STEP if resting else MOTION_STEP)))
-            steps = max(steps, 2 if resting else 1)
-            found.append(np.append(begin + (end - begin) * np.arange(1, steps) / steps, end))
-        return np.concatenate(found)
-
-    def _stretches(self) -> list[tuple[int, int, bool]]:
-        """Rests and motions between them: the numbers of their first and last point, and which."""
-        far = np.abs(np.diff(self.positions, axis=0)).max(axis=1, initial=0.0)
-        stretches: list[tuple[int, int, bool]] = []
-        for number, resting in enumerate((far < REST).tolist()):
-            if stretches and not resting and not stretches[-1][2]:
-                stretches[-1] = (stretches[-1][0], number + 1, False)
-            else:
-                stretches.append((number, number + 1, resting))
-        return stretches
-
-
 def travel_time(start: Array, goals: Array, velocity: Array) -> Array:
     """Seconds (K,) from posture `start` (n,) to `goals` (K, n) at the joints' speeds (n,)."""
     finite = np.where(np.isfinite(velocity), velocity, 1.0)
     seconds: Array = np.max(np.abs(goals - start) / finite, axis=1)
     return seconds
-
-
-SHORTEST_MOVE = 0.15  # s: arms take their time to set off and to stop
-
-
-class Leg:
-    """From posture `here` on, at joint speeds (n,) in rad/s; `seconds` are from the start."""
-
-    def __init__(self, here: Array, velocity: Array) -> None:
-        self.here = here
-        self.seconds: list[float] = []
-        self.positions: list[Array] = []
-        self._velocity = velocity
-        self._now = 0.0
-
-    def to(self, posture: Array, slowest: float = SHORTEST_MOVE) -> None:
-        """On to a posture (n,), in `slowest` s or what the joints need."""
-        self._now += max(float(travel_time(self.here, posture[None], self._velocity)[0]), slowest)
-        self._append(posture)
-
-    def along(self, postures: Array, seconds: float) -> None:
-        """By all of some postures (K, n), in so many seconds or what the joints need."""
-        for posture in postures:
-            self.to(posture, max(seconds, SHORTEST_MOVE) / len(postures))
-
-    def rest(self, seconds: float) -> None:
-        """Stay."""
-        self._now += seconds
-        self._append(self.here)
-
-    def _append(self, posture: Array) -> None:
-        self.seconds.append(self._now)
-        self.positions.append(posture)
-        self.here = posture

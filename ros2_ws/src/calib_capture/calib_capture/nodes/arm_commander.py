@@ -1,32 +1,45 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ArmCommander the arm: one capture at a time."""
+"""Commands the arm, by topic or by action: one capture at a time; and lets people stop it."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from calib_capture.recording import RunError
+from calib_capture.motion import Trajectory
+from calib_capture.nodes.messages import joint_trajectory
+from calib_capture.nodes.trajectory_action import GoalSender, goal_sender
+from calib_capture.recording import ProgramSession, RunError, trajectory_cdr
 from calib_model.nodes import qos_of
-from calib_model.topics import CAPTURE_POSES, JOINT_TRAJECTORY
+from calib_model.topics import CAPTURE_POSES, CONTROLLER, commanded, follow_action
 
 PARTICIPANT = 12  # bytes of a gid that all of one process share
 LAST_WORDS = 0.5  # s for the arm to acknowledge the last command
 NAMED_WITHIN = 1.0  # s until all are known
+TOPIC, ACTION, AUTO = 'topic', 'action', 'auto'
 UNKNOWN = 'NODE_NAME_UNKNOWN'
+NONE = 'no capture moves the arm'
 
 
 class ArmCommander:
-    """The commands' publisher, there only while a capture is under way: so others see it."""
+    """The commands' publisher, there only while a capture is under way: so others see it.
 
-    def __init__(self, node: Node) -> None:
+    Commands go by the action of the controller where they are to: `how` is topic, action or auto,
+    which is the action where a server answers. `problem` says what became of a command that was
+    not followed.
+    """
+
+    def __init__(self, node: Node, controller: str = CONTROLLER, how: str = TOPIC) -> None:
         self._node = node
+        self._topic, self._controller, self._how = commanded(controller), controller, how
+        self._action: GoalSender | None = None
         self._publisher: Publisher | None = None
         self._own: tuple[int, ...] = ()
 
@@ -38,7 +51,7 @@ class ArmCommander:
         """
         if self._rivals():
             raise RunError(
-                f'{JOINT_TRAJECTORY.name}: another capture commands the arm '
+                f'{self._topic.name}: another capture commands the arm '
                 f'({node_names(self._rivals)}): start when it is done'
             )
 
@@ -51,19 +64,38 @@ class ArmCommander:
         self.refuse_rivals()
         before = {_gid(at) for at in self._published()}
         self._publisher = self._node.create_publisher(
-            JointTrajectory, JOINT_TRAJECTORY.relative, qos_of(JOINT_TRAJECTORY)
+            JointTrajectory, self._topic.relative, qos_of(self._topic)
         )
+        if self._how != TOPIC:
+            self._action = goal_sender(self._node, self._controller)
+        if self._how == ACTION and self._action is None:
+            raise RunError("parameter 'command': action, but control_msgs is not installed")
         new = {_gid(at) for at in self._published()} - before
         self._own = max(new, default=())
 
     def heard(self) -> bool:
         """Whether an arm listens."""
-        return self._publisher is not None and bool(self._publisher.get_subscription_count())
+        if self._action is not None and self._action.ready:
+            return True
+        listeners = self._publisher.get_subscription_count() if self._publisher else 0
+        return self._how != ACTION and bool(listeners)
 
-    def send(self, message: JointTrajectory) -> None:
+    @property
+    def where(self) -> str:
+        """The topic or the action that an arm is to listen to."""
+        return follow_action(self._controller) if self._how == ACTION else self._topic.name
+
+    def send(self, names: Sequence[str], trajectory: Trajectory) -> None:
         """Pass on a command, while it is ours to do so."""
-        if self._publisher is not None:
-            self._publisher.publish(message)
+        if self._action is not None and self._action.ready:
+            self._action.send(joint_trajectory(names, trajectory))
+        elif self._publisher is not None:
+            self._publisher.publish(trajectory_cdr(names, trajectory))
+
+    @property
+    def problem(self) -> str:
+        """Why the last command is not followed, as the controller says; empty when it is."""
+        return self._action.problem if self._action is not None else ''
 
     def leave(self) -> None:
         """Command no more; further calls do nothing."""
@@ -71,10 +103,12 @@ class ArmCommander:
             return
         self._publisher.wait_for_all_acked(Duration(seconds=LAST_WORDS))
         self._node.destroy_publisher(self._publisher)
-        self._publisher, self._own = None, ()
+        if self._action is not None:
+            self._action.close()
+        self._publisher, self._own, self._action = None, (), None
 
     def _published(self) -> list[Any]:
-        return list(self._node.get_publishers_info_by_topic(JOINT_TRAJECTORY.relative))
+        return list(self._node.get_publishers_info_by_topic(self._topic.relative))
 
     def _rivals(self) -> list[Any]:
         poses = self._node.get_publishers_info_by_topic(CAPTURE_POSES.relative)
@@ -102,3 +136,52 @@ def node_names(find: Callable[[], Iterable[Any]]) -> str:
 
 def _gid(endpoint: Any) -> tuple[int, ...]:
     return tuple(endpoint.endpoint_gid)
+
+
+class Interventions:
+    """Answers at once; the arm comes to rest within its limits after that.
+
+    `session` gives the program that is under way, None when there is none. `stop` is set when the
+    capture is to end.
+    """
+
+    def __init__(self, node: Node, session: Callable[[], ProgramSession | None]) -> None:
+        self._session = session
+        self.stop = False
+        for name, act in (
+            ('stop', self._stop),
+            ('pause', self._pause),
+            ('continue', self._continue),
+        ):
+            node.create_service(Trigger, f'capture/{name}', _answering(act))
+
+    def _stop(self) -> tuple[bool, str]:
+        if self._session() is None:
+            return False, NONE
+        self.stop = True
+        return True, 'the arm is stopped, and the capture ends'
+
+    def _pause(self) -> tuple[bool, str]:
+        session = self._session()
+        if session is None:
+            return False, NONE
+        session.pause()
+        return True, 'the arm is stopped until /capture/continue'
+
+    def _continue(self) -> tuple[bool, str]:
+        session = self._session()
+        if session is None:
+            return False, NONE
+        if not session.go_on():
+            return False, 'nothing is paused'
+        return True, 'going on'
+
+
+def _answering(
+    act: Callable[[], tuple[bool, str]],
+) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
+    def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = act()
+        return response
+
+    return answer

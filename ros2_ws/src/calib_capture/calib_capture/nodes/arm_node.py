@@ -12,38 +12,58 @@ from typing import Any
 import numpy as np
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.serialization import deserialize_message
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from calib_capture.default_files import configured, explained
-from calib_capture.motion import Motion, PinocchioArm, TrajectoryError, checked_trajectory
+from calib_capture.motion import (
+    MotionLimits,
+    StrictController,
+    Trajectory,
+    TrajectoryError,
+    check_trajectory,
+    checked_trajectory,
+    motion_limits,
+)
 from calib_capture.nodes.messages import joint_state, points_of
+from calib_capture.nodes.trajectory_action import serve_goals
+from calib_capture.recording import read_trajectory_cdr
 from calib_model.arrays import Array
 from calib_model.command_line import run_command
-from calib_model.descriptions import arm_yaml, parse_arm
+from calib_model.descriptions import SIMULATED, arm_yaml, parse_arm, standing_yaml
 from calib_model.instruments import Arm
-from calib_model.nodes import NodeCommand, Parameters, lean_executor, qos_of, run_node
+from calib_model.nodes import NodeCommand, Parameters, lean_executor, qos_of, run_node, stamp_of
 from calib_model.stamps import SECOND
 from calib_model.topics import (
     ARM_DESCRIPTION,
+    CONTROLLER,
     JOINT_STATES,
-    JOINT_TRAJECTORY,
     ROBOT_DESCRIPTION,
     Topic,
+    commanded,
 )
 from calib_model.urdf import arm_urdf
 
 ABOUT = """\
 A simulated arm: follows trajectories on /arm_controller/joint_trajectory as ros2_control's
-joint_trajectory_controller does; publishes /joint_states, /arm_description, /robot_description."""
+joint_trajectory_controller does, and the action /arm_controller/follow_joint_trajectory where
+control_msgs is installed; publishes /joint_states, /arm_description, /robot_description.
+
+It is as strict as a real one. It rejects what that controller rejects, with the reason, and goes on
+with what it was doing. Beyond a limit of position, velocity, acceleration or jerk, between points
+too, it stops with a line that begins with FAULT, and takes nothing more."""
 EXAMPLE = """\
 ros2 run calib_capture arm --ros-args -p time_scale:=5.0
   ros2 run calib_capture sim_arm --ros-args -r __ns:=/left"""
 STEPPED_IDLE = 0.05  # s: in stepped simulation an arm at rest lives in real time, at this beat
 STEPPED_BURST = 40  # states published at once: less than half of what a subscriber keeps
 STEPPED_PAUSE = 0.025  # s between bursts of one motion: what subscribers in Python keep up with
+ACCELERATION, JERK = 10.0, 100.0  # rad/s^2, rad/s^3: what a small industrial arm can do
+NOISE, STEP = 5e-7, 2 * np.pi / 2**21  # rad: an encoder of 21 bits
+CONTROLLER_TEXT = 'name of the controller: topic and action of the commands are named by it'
 STEPPED_PATIENCE = 0.2  # s before an arm counts as at rest, not as waiting for the next goal
 
 
@@ -53,11 +73,16 @@ def _nothing(_: float) -> None:
 
 @dataclass(frozen=True)
 class ArmParameters:
-    """What the arm is told at the start; `rate` is in Hz of the wall clock."""
+    """What the arm is told at the start; `rate` is in Hz of the wall clock, `noise` and `step` of
+    the encoders in rad of the joint."""
 
     arm: Arm
     rate: float
     time_scale: float
+    limits: MotionLimits
+    noise: float
+    step: float
+    controller: str
 
 
 def read_parameters(
@@ -77,7 +102,18 @@ def read_parameters(
     rate = parameters.number('rate', 250.0, text, 1.0, 1000.0, on_rate)
     text = 'how many times faster than real the arm lives, 0: stepped, as fast as can be'
     scale = parameters.number('time_scale', 1.0, text, 0.0, 1000.0, on_scale)
-    return ArmParameters(configured('arm', path, parse_arm), rate, scale)
+    text = 'rad/s^2, limit of the joints for which the description has none'
+    acceleration = parameters.number('acceleration', ACCELERATION, text, 1e-3, 1e6)
+    text = 'rad/s^3, limit of the joints for which the description has none'
+    jerk = parameters.number('jerk', JERK, text, 1e-3, 1e9)
+    text = 'rad, standard deviation of the encoders'
+    noise = parameters.number('noise', NOISE, text, 0.0, 0.1)
+    text = 'rad, step of the encoders, 0: none'
+    step = parameters.number('step', STEP, text, 0.0, 0.1)
+    controller = parameters.text('controller', CONTROLLER, CONTROLLER_TEXT)
+    arm = configured('arm', path, parse_arm)
+    limits = motion_limits(arm, acceleration, jerk)
+    return ArmParameters(arm, rate, scale, limits, noise, step, controller)
 
 
 class ArmNode(Node):
@@ -91,29 +127,29 @@ class ArmNode(Node):
     def __init__(self) -> None:
         super().__init__('arm')
         given = read_parameters(self, self._set_rate, self._set_scale)
-        self._arm, self._rate, self._scale = given.arm, given.rate, given.time_scale
-        # the model that the arm moves by: its limits and speeds are the description's
-        self._model = PinocchioArm(self._arm).model
+        self._given, self._arm = given, given.arm
+        self._rate, self._scale = given.rate, given.time_scale
         self._publish_descriptions()
         self._states = self.create_publisher(
             JointState, JOINT_STATES.relative, qos_of(JOINT_STATES)
         )
+        self._encoders = np.random.default_rng(1)
         self._time = time.time_ns()  # of the last published state, in the arm's own time
         self._wall = time.monotonic_ns()
-        self._began = self._time
-        self._motion = Motion.resting(self._start_posture())
-        self._steps: list[float] = []
+        log = self.get_logger()
+        self.controller = StrictController(self._arm, given.limits, self._time, log.error)
+        self._steps: list[int] = []
         self._rested = 0.0
+        topic = commanded(given.controller)
+        qos = qos_of(topic)
         self.create_subscription(
-            JointTrajectory,
-            JOINT_TRAJECTORY.relative,
-            self._on_trajectory,
-            qos_of(JOINT_TRAJECTORY),
+            JointTrajectory, topic.relative, self._on_trajectory, qos, raw=True
         )
         self._timer = self._beating()
         self.get_logger().info(
             f'simulated arm, no hardware: {self._arm.name}, {self._arm.n} joints, {self._speed()}'
         )
+        self._goals = serve_goals(self, given.controller, self)
 
     def _beating(self) -> Timer:
         if self._scale > 0:
@@ -137,20 +173,15 @@ class ArmNode(Node):
         self._advance_clock()
         self.destroy_timer(self._timer)
         if scale == 0 < self._scale:
-            instants = self._motion.instants()
-            self._steps = instants[instants > (self._time - self._began) / SECOND].tolist()
+            instants = self.controller.instants()
+            self._steps = instants[instants > self._time].tolist()
         self._rate, self._scale = rate, scale
         self._timer = self._beating()
         self.get_logger().info(self._speed())
 
-    def _start_posture(self) -> Array:
-        lower, upper = self._model.lowerPositionLimit, self._model.upperPositionLimit
-        posture: Array = np.clip(np.zeros(self._arm.n), lower, upper)
-        return posture
-
     def _publish_descriptions(self) -> None:
         self._latched = [
-            self._latch(ARM_DESCRIPTION, arm_yaml(self._arm)),
+            self._latch(ARM_DESCRIPTION, arm_yaml(self._arm) + standing_yaml(SIMULATED)),
             self._latch(ROBOT_DESCRIPTION, arm_urdf(self._arm)),
         ]
 
@@ -159,34 +190,63 @@ class ArmNode(Node):
         publisher.publish(String(data=text))
         return publisher
 
-    def _on_trajectory(self, message: JointTrajectory) -> None:
-        here = self._advance_clock()
-        if not message.points:
-            self._follow(Motion.resting(here))
-            return
+    def _on_trajectory(self, raw: bytes) -> None:
+        trajectory = read_trajectory_cdr(raw, self._arm.joint_names)
+        if trajectory is None:
+            reason = self.take(deserialize_message(raw, JointTrajectory))
+        else:
+            reason = self._checked(trajectory) or self._follow(trajectory, 0)
+        if reason:
+            self.get_logger().warning(f'rejected: {reason}')
+
+    def take(self, message: JointTrajectory) -> str:
+        """Follow a trajectory from now on, or say why not; what was left of the one before is
+        forgotten then."""
         try:
-            seconds, positions = points_of(message)
-            trajectory = checked_trajectory(self._arm, message.joint_names, seconds, positions)
+            trajectory = checked_trajectory(self._arm, *points_of(message))
         except TrajectoryError as error:
-            self.get_logger().warning(f'refused: {error}')
-            return
-        self._follow(Motion(here, trajectory, self._model.velocityLimit))
+            return str(error)
+        return self._follow(trajectory, stamp_of(message.header))
 
-    def _follow(self, motion: Motion) -> None:
-        """Take on a motion; what was left of the one before is forgotten."""
-        self._motion, self._began = motion, self._time
+    def _checked(self, trajectory: Trajectory) -> str:
+        try:
+            check_trajectory(trajectory)
+        except TrajectoryError as error:
+            return str(error)
+        return ''
+
+    def _follow(self, trajectory: Trajectory, start: int) -> str:
+        try:
+            self.controller.follow(trajectory, self._advance_clock(), start)
+        except TrajectoryError as error:
+            return str(error)
         if self._scale == 0:
-            self._steps = motion.instants()[1:].tolist()
+            self._steps = self.controller.instants()[1:].tolist()
             self._step()
+        return ''
 
-    def _advance_clock(self) -> Array:
-        """Bring the arm's time to now and return where the arm is."""
+    def hold(self) -> None:
+        """Stop at once, as the controller does when a goal is cancelled."""
+        self.controller.hold(self._advance_clock())
+        self._steps = []
+
+    @property
+    def failure(self) -> str:
+        """What stopped the arm for good; empty while it works."""
+        return self.controller.failed
+
+    @property
+    def busy(self) -> bool:
+        """Whether a trajectory is still under way."""
+        return bool(self._steps) or self.controller.busy(self._time)
+
+    def _advance_clock(self) -> int:
+        """Bring the arm's time to now, and return it."""
         wall = time.monotonic_ns()
         if self._scale > 0:
             self._time += round((wall - self._wall) * self._scale)
         self._wall = wall
-        position, _ = self._motion.at((self._time - self._began) / SECOND)
-        return position
+        return self._time
 
     def _tick(self) -> None:
         self._advance_clock()
@@ -195,8 +255,8 @@ class ArmNode(Node):
     def _step(self) -> None:
         """Publish the next states of a stepped motion, all of them when they are few."""
         now, self._steps = self._steps[:STEPPED_BURST], self._steps[STEPPED_BURST:]
-        for seconds in now:
-            self._publish(self._began + round(seconds * SECOND))
+        for stamp in now:
+            self._publish(stamp)
         self._rested = -STEPPED_PATIENCE
 
     def _beat(self) -> None:
@@ -211,9 +271,17 @@ class ArmNode(Node):
 
     def _publish(self, stamp: int) -> None:
         self._time = stamp
-        position, velocity = self._motion.at((stamp - self._began) / SECOND)
+        state = self.controller.at(stamp)
         names, frame = self._arm.joint_names, self._arm.base_frame
-        self._states.publish(joint_state(stamp, frame, names, position, velocity))
+        seen = self._seen(state.position)
+        self._states.publish(joint_state(stamp, frame, names, seen, state.velocity))
+
+    def _seen(self, position: Array) -> Array:
+        """The joints (n,) as the encoders tell them."""
+        noise, step = self._given.noise, self._given.step
+        if noise:
+            position = position + self._encoders.normal(0.0, noise, len(position))
+        return np.round(position / step) * step if step else position
 
 
 COMMAND = NodeCommand('calib_capture', 'arm', ABOUT, EXAMPLE, read_parameters)

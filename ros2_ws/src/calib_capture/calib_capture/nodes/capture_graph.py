@@ -16,13 +16,11 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from trajectory_msgs.msg import JointTrajectory
 
 from calib_capture.checking import FirstSeconds
 from calib_capture.default_files import refuse_other_arm
 from calib_capture.motion import Trajectory
-from calib_capture.nodes.arm_commander import ArmCommander, node_names
-from calib_capture.nodes.messages import joint_trajectory
+from calib_capture.nodes.arm_commander import ArmCommander, Interventions, node_names
 from calib_capture.nodes.parameters import CONTINUOUS, ParameterReader
 from calib_capture.nodes.taking import TakeServices
 from calib_capture.program import Planner, Program
@@ -43,7 +41,14 @@ from calib_capture.recording import (
     several,
 )
 from calib_model.bags import TEMPERATURE_NOTE, FileAccount
-from calib_model.descriptions import parse_arm, parse_gauge, parse_probe, read_description
+from calib_model.descriptions import (
+    Standing,
+    parse_arm,
+    parse_gauge,
+    parse_probe,
+    parse_standing,
+    read_description,
+)
 from calib_model.errors import ParameterError
 from calib_model.instruments import ActiveProbe, PassiveProbe, refuse_misfit
 from calib_model.labelling import SphereFinder
@@ -55,7 +60,6 @@ from calib_model.topics import (
     CAPTURE_UNDONE,
     GAUGE_DESCRIPTION,
     JOINT_STATES,
-    JOINT_TRAJECTORY,
     PROBE_DESCRIPTION,
     PROBE_DISPLACEMENTS,
     Topic,
@@ -66,6 +70,7 @@ T = TypeVar('T')
 TICK = 0.02  # s
 #: a reading so many strokes long is no metres, and so many on end are no disturbance
 MANY_STROKES, ODD_READINGS = 20.0, 10
+AT_REST = 0.1  # s that an arm has stood still before it counts as stopped
 SILENT = 2.0  # s without a message after which one is waited for
 DEEP = 5000  # messages of a hand-guided arm that wait while a disk is slow: it does not stop for us
 DESCRIPTIONS = {'arm': ARM_DESCRIPTION, 'probe': PROBE_DESCRIPTION, 'gauge': GAUGE_DESCRIPTION}
@@ -99,7 +104,8 @@ class CaptureNode(Node):
         self.watch: Callable[[JointSample | Reading], None] | None = None
         self.failure: RunError | None = None
         self._odd = self._left_out = 0  # readings on end that no stylus makes, and all of them
-        self.commanding = ArmCommander(self)
+        self.commanding = ArmCommander(self, self.asked.controller, self.asked.command)
+        self.interventions = Interventions(self, self._program_session)
         self._poses = self.create_publisher(
             ProbingPose, CAPTURE_POSES.relative, qos_of(CAPTURE_POSES)
         )
@@ -118,9 +124,23 @@ class CaptureNode(Node):
         if self.asked.paths['probe']:  # the file says what it is, and the topic if it is real
             qos = qos_of(PROBE_DESCRIPTION)
             self.create_subscription(String, PROBE_DESCRIPTION.relative, self._note_simulated, qos)
+        if self.asked.paths['arm']:  # how long it stands for a pose it may say all the same
+            topic, self._arm_says = ARM_DESCRIPTION, ''
+
+            def keep(message: String) -> None:
+                self._arm_says = message.data
+
+            self.create_subscription(String, topic.relative, keep, qos_of(topic))
 
     def _note_simulated(self, message: String) -> None:
         self._simulated = self._simulated or 'simulated: true' in message.data.splitlines()
+
+    def _standing(self) -> Standing | None:
+        """How long the arm is to stand for a pose, as its file or it itself says."""
+        if not self.asked.paths['arm']:
+            return parse_standing(self._texts['arm'], ARM_DESCRIPTION.name)
+        said = parse_standing(self._arm_says, ARM_DESCRIPTION.name) if self._arm_says else None
+        return read_description(self.asked.paths['arm'], parse_standing) or said
 
     def _subscribe_description(self, key: str, topic: Topic) -> None:
         def keep(message: String) -> None:
@@ -241,7 +261,7 @@ class CaptureNode(Node):
         """What of arm and probe has not shown itself yet; empty when both are there."""
         missing = [joints] if (joints := self.missing_joints()) else []
         if not self._led and not self.commanding.heard():
-            missing.append(f'an arm that listens to {JOINT_TRAJECTORY.name}')
+            missing.append(f'an arm that listens to {self.commanding.where}')
         if not self._read:
             missing.append(PROBE_DISPLACEMENTS.name)
         return ', '.join(missing)
@@ -249,6 +269,7 @@ class CaptureNode(Node):
     def begin(self, program: Program, earlier: Sequence[FileAccount] = ()) -> ProgramSession:
         """Open the bag, or go on with the files it has, and start the run."""
         self.failure = None
+        self.asked = self.asked.standing_as(self._standing())
         self._count_anew()
         recorder = self._recorder(earlier)
         run = MeasuringRun(self.arm, program, self.asked.run, time.monotonic())
@@ -384,21 +405,48 @@ class CaptureNode(Node):
         self._session = self._first = None
         self.commanding.leave()
 
+    def _program_session(self) -> ProgramSession | None:
+        return self._session if isinstance(self._session, ProgramSession) else None
+
     def stop_arm(self) -> None:
-        """Let the arm forget the rest of its trajectory."""
-        self.commanding.send(JointTrajectory(joint_names=list(self._joint_names)))
+        """Bring the arm to rest on its way, within its limits; `stopping` until it is."""
+        if isinstance(self._session, ProgramSession):
+            self._session.halt()
+
+    @property
+    def stopping(self) -> bool:
+        """Whether an arm that is to stop still moves."""
+        if not isinstance(self._session, ProgramSession):
+            return False
+        return self._session.halting or self._session.run.stands[1] < AT_REST
+
+    def where_it_stands(self) -> str:
+        """The joints, in words; empty where nobody commanded the arm."""
+        here = self._session.run.stands[0] if isinstance(self._session, ProgramSession) else None
+        if here is None:
+            return ''
+        joints = ', '.join(
+            f'{name} {value:.4f}' for name, value in zip(self._joint_names, here, strict=True)
+        )
+        return f'the arm stands at {joints} rad'
 
     def _tick(self) -> None:
-        if self._session is None or self.failure is not None:
+        if self._session is None:
+            return
+        if self.failure is not None:  # only to bring the arm to rest
+            if isinstance(self._session, ProgramSession):
+                self._session.go_on_halting()
             return
         try:
             self.check_origins()
+            if self.commanding.problem:
+                raise RunError(self.commanding.problem)
             self._session.tick()
         except RunError as error:
             self.failure = error
 
     def _command(self, trajectory: Trajectory) -> None:
-        self.commanding.send(joint_trajectory(self._joint_names, trajectory))
+        self.commanding.send(self._joint_names, trajectory)
 
     def _announce(self, pose: bytes) -> None:
         self._poses.publish(pose)

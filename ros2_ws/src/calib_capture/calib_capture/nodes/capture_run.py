@@ -36,6 +36,7 @@ from calib_model.instruments import PassiveProbe
 from calib_model.pairing import HAND_GUIDED_NOTE
 
 READINGS_WITHIN = 2.0  # s after joint states in which somebody may yet tell of a passive probe
+STOPPED_WITHIN = 3.0  # s in which an arm that was stopped is expected to stand
 REMINDER = 3.0  # s between two lines that say what is being waited for
 
 
@@ -147,6 +148,7 @@ class CaptureRun:
     def _measure(self, program: Program, there: Begun) -> str:
         node, begin = self._node, time.monotonic()
         session = node.begin(program, there.files)
+        node.interventions.stop = False
         self.tally = session.tally
         stopped = False
         try:
@@ -156,14 +158,26 @@ class CaptureRun:
                     self._remind()
                     self._watcher.show(session)
                     self._showing.progress(session)
-                    stopped = self._watcher.stopped()
-                if not session.finished:
-                    node.stop_arm()
+                    stopped = self._watcher.stopped() or node.interventions.stop
                 session.finish()
         finally:
+            if not session.finished:
+                self._bring_to_rest()
             node.end()
         self._showing.progress(session, last=True)
         return self._summary(there, stopped, time.monotonic() - begin, session.remarks())
+
+    def _bring_to_rest(self) -> None:
+        """Stop the arm, whatever went wrong, and say where it stands."""
+        node, end = self._node, time.monotonic() + STOPPED_WITHIN
+        node.stop_arm()
+        while node.stopping and time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=TICK)
+        where = node.where_it_stands()
+        if node.stopping:
+            where = f'the arm may still be moving: {node.silent() or where}'
+        if where:
+            self._watcher.say(where)
 
     def _led(self) -> str:
         """Take in a hand-guided arm; being stopped is the usual end of it."""

@@ -9,15 +9,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+import numpy as np
 import rclpy
-from builtin_interfaces.msg import Duration
 from calib_interfaces.msg import StylusDisplacements
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from calib_capture.checking import OK, WRONG, Check, Finding, Heard, SmallMove
+from calib_capture.motion import Trajectory
 from calib_capture.nodes.arm_commander import ArmCommander
 from calib_model.command_line import run_command
 from calib_model.descriptions import parse_arm, parse_gauge, parse_probe, read_description
@@ -34,7 +34,6 @@ from calib_model.nodes import (
     warn_of_unknown,
 )
 from calib_model.pairing import JointSample, Reading
-from calib_model.stamps import SECOND
 from calib_model.topics import (
     ARM_DESCRIPTION,
     GAUGE_DESCRIPTION,
@@ -188,23 +187,13 @@ class CheckNode(Node):
 
     def problem(self) -> str:
         """What the controller says against the last command: by the topic it says nothing."""
-        return ''
+        return self.commanding.problem
 
     def send(self, move: SmallMove) -> None:
         """Command one small motion: at rest at each of its points."""
-        points, rest = [], [0.0] * self.arm.n
-        for seconds, position in zip(move.seconds, move.positions, strict=True):
-            whole, part = divmod(round(float(seconds) * SECOND), SECOND)
-            points.append(
-                JointTrajectoryPoint(
-                    positions=position.tolist(),
-                    velocities=rest,
-                    accelerations=rest,
-                    time_from_start=Duration(sec=whole, nanosec=part),
-                )
-            )
-        names = list(self.arm.joint_names)
-        self.commanding.send(JointTrajectory(joint_names=names, points=points))
+        rest = np.zeros_like(move.positions)
+        trajectory = Trajectory(move.seconds, move.positions, rest, rest)
+        self.commanding.send(self.arm.joint_names, trajectory)
 
     def spin(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
         """Take messages in for so long, or until something is so."""

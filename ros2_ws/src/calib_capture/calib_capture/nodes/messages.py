@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Sequence
+from typing import Any
 
 from builtin_interfaces.msg import Duration
 from geometry_msgs.msg import Point, Vector3
@@ -39,19 +41,35 @@ def joint_state(
 
 def joint_trajectory(names: Sequence[str], trajectory: Trajectory) -> JointTrajectory:
     """A trajectory that starts when it is received."""
+    fields = {'positions': trajectory.positions}
+    if trajectory.velocities is not None:
+        fields['velocities'] = trajectory.velocities
+    if trajectory.accelerations is not None:
+        fields['accelerations'] = trajectory.accelerations
     points = []
-    for seconds, position in zip(trajectory.seconds, trajectory.positions, strict=True):
+    for row, seconds in enumerate(trajectory.seconds.tolist()):
         whole, rest = divmod(round(seconds * SECOND), SECOND)
+        # arrays of doubles are taken as they are, lists looked at number by number
+        given = {key: array('d', rows[row].tobytes()) for key, rows in fields.items()}
         time = Duration(sec=int(whole), nanosec=int(rest))
-        points.append(JointTrajectoryPoint(positions=position.tolist(), time_from_start=time))
+        points.append(JointTrajectoryPoint(time_from_start=time, **given))
     return JointTrajectory(joint_names=list(names), points=points)
 
 
-def points_of(message: JointTrajectory) -> tuple[list[float], list[list[float]]]:
-    """The times from the start, s, and the positions of a trajectory's points."""
-    times = [point.time_from_start for point in message.points]
-    seconds = [time.sec + time.nanosec / SECOND for time in times]
-    return seconds, [list(point.positions) for point in message.points]
+def points_of(
+    message: JointTrajectory,
+) -> tuple[list[str], list[float], list[Any], list[Any], list[Any]]:
+    """The joints' names, the times from the start, s, and positions, velocities and accelerations
+    of a trajectory's points, empty where there are none."""
+    points = message.points
+    times = [point.time_from_start for point in points]
+    return (
+        list(message.joint_names),
+        [time.sec + time.nanosec / SECOND for time in times],
+        [point.positions for point in points],
+        [point.velocities for point in points],
+        [point.accelerations for point in points],
+    )
 
 
 def marker_array(frame: str, markers: Sequence[Marker]) -> MarkerArray:

@@ -4,22 +4,24 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from calib_capture.default_files import configured, explained
 from calib_capture.motion import BodySettings, parse_bodies
+from calib_capture.nodes.arm_commander import ACTION, AUTO, TOPIC
 from calib_capture.program import ProgramSettings
 from calib_capture.recording import RunSettings
 from calib_model.bags import Temperature
 from calib_model.bounds import TEMPERATURE
-from calib_model.descriptions import parse_placements, read_description
+from calib_model.descriptions import Standing, parse_placements, read_description
 from calib_model.errors import ParameterError
 from calib_model.files import Folders, confined, usual_writing
 from calib_model.nodes import Parameters
 from calib_model.pairing import HandGuidedSettings, SteadySettings
+from calib_model.topics import CONTROLLER
 from calib_model.transforms import RigidTransform
 
 _APPROACH = "m along the probe's axis that must be free before every pose"
@@ -41,6 +43,17 @@ _CORRECT = (
 _CHECK = (
     'look for wrong units, signs, rates and clocks in the first seconds, and end with the reason'
 )
+_STANDING = 'where none of settle, dwell and rest is given, as /arm_description says, if it does'
+STANDS = ('settle', 'dwell', 'rest')
+_CONTROLLER = 'name of the controller: topic and action of the commands are named by it'
+_COMMAND = (
+    'topic: trajectories are published; action: they are goals of FollowJointTrajectory; '
+    'auto: goals where a server answers'
+)
+_ACCELERATION = 'rad/s^2, limit of the joints for which the description of the arm has none'
+_JERK = 'rad/s^3, limit of the joints for which the description of the arm has none'
+STANDING = Standing()
+MAX_GAP = 0.25  # s between joint states: those of a slow driver come at 10 Hz
 DESCRIBED = ('arm', 'probe', 'gauge')
 PROGRAM, CONTINUOUS = 'program', 'continuous'
 #: deg C, of a gauge that nobody measured
@@ -69,7 +82,20 @@ class CaptureParameters:
     check: bool = True
     taught: str = ''
     writing: Folders = Folders('output_folders', ())
+    command: str = AUTO
+    controller: str = CONTROLLER
     assumed: bool = False  # the placements are the shipped example's, nobody gave them
+    stands_as_told: bool = False  # whether settle, dwell or rest were given
+
+    def standing_as(self, described: Standing | None) -> CaptureParameters:
+        """With how long the arm is to stand for a pose: as given, else as it is described."""
+        if described is None or self.stands_as_told:
+            return self
+        return replace(
+            self,
+            steady=replace(self.steady, settle=described.settle, dwell=described.dwell),
+            run=replace(self.run, hold=described.hold),
+        )
 
     def confined(self) -> AbstractContextManager[None]:
         """Within, the bag of a goal is opened in the folders open to callers alone."""
@@ -95,7 +121,8 @@ class ParameterReader:
         text = 'path of a YAML file: the description; empty: the one on the topic'
         paths = {key: self._parameters.text(key, '', text) for key in DESCRIBED}
         places = self._text('placements', '', explained('placements'))
-        steady = self._steady()
+        standing = self._standing()
+        steady = self._steady(standing)
         return CaptureParameters(
             paths,
             configured('placements', places, parse_placements),
@@ -104,7 +131,7 @@ class ParameterReader:
             self._program(),
             steady,
             self._temperature(),
-            self._run(steady),
+            self._run(standing),
             self._number('wait_timeout', 30.0, 's to wait for arm and probe', 0.1, 1e5),
             self._flag('resume', 'go on with the bag in output, or begin it'),
             self._parameters.flag(
@@ -118,7 +145,10 @@ class ParameterReader:
             ),
             check=self._parameters.flag('check', True, _CHECK, _later),
             taught=self._parameters.text('taught', '', _TAUGHT),
+            command=self._command(),
+            controller=self._parameters.text('controller', CONTROLLER, _CONTROLLER),
             assumed=not places,
+            stands_as_told=standing != STANDING or any(map(self._parameters.given, STANDS)),
             writing=Folders(
                 'output_folders',
                 self._parameters.texts('output_folders', usual_writing(), _WRITING),
@@ -132,6 +162,14 @@ class ParameterReader:
                 f"parameter 'mode': expected {PROGRAM} or {CONTINUOUS}, got {mode!r}"
             )
         return mode
+
+    def _command(self) -> str:
+        how = self._parameters.text('command', AUTO, _COMMAND)
+        if how not in (TOPIC, ACTION, AUTO):
+            raise ParameterError(
+                f"parameter 'command': expected {TOPIC}, {ACTION} or {AUTO}, got {how!r}"
+            )
+        return how
 
     def _moving(self, lateness: float) -> HandGuidedSettings:
         default = HandGuidedSettings()
@@ -176,15 +214,21 @@ class ParameterReader:
         path = self._text('bodies', '', text)
         return read_description(path, parse_bodies) if path else BodySettings()
 
-    def _steady(self) -> SteadySettings:
+    def _standing(self) -> Standing:
+        default = STANDING
+        text = f's that the arm must be still first; {_STANDING}'
+        settle = self._number('settle', default.settle, text, 0.0, 60.0)
+        text = f's of readings that are averaged; {_STANDING}'
+        dwell = self._number('dwell', default.dwell, text, 1e-3, 60.0)
+        text = f's that a pose is held beyond settle and dwell; {_STANDING}'
+        return Standing(settle, dwell, self._number('rest', default.rest, text, 0.0, 60.0))
+
+    def _steady(self, standing: Standing) -> SteadySettings:
         default = SteadySettings()
         return SteadySettings(
-            settle=self._number(
-                'settle', default.settle, 's that the arm must be still first', 0.0, 60.0
-            ),
-            dwell=self._number(
-                'dwell', default.dwell, 's of readings that are averaged', 1e-3, 60.0
-            ),
+            max_gap=MAX_GAP,
+            settle=standing.settle,
+            dwell=standing.dwell,
             max_spread=self._number(
                 'max_spread', default.max_spread, 'm between readings of one pose', 0.0, 1.0
             ),
@@ -200,20 +244,22 @@ class ParameterReader:
         sure = self._number('temperature_uncertainty', 0.0, text, 0.0, 100.0)
         return Temperature(celsius, sure) if celsius > TEMPERATURE[0] else None
 
-    def _run(self, steady: SteadySettings) -> RunSettings:
+    def _run(self, standing: Standing) -> RunSettings:
         default = RunSettings()
-        text = 's that a pose is held beyond settle and dwell'
-        rest = self._number('rest', 0.02, text, 0.0, 60.0)
         text = 's a still arm may leave poses unanswered'
         return RunSettings(
             batch=self._whole('batch', default.batch, 'poses commanded at once', 1, 100),
-            hold=steady.settle + steady.dwell + rest,
+            hold=standing.hold,
             speed=self._number(
                 'speed', default.speed, 'of each joint, share of its limit', 1e-3, 1.0
             ),
             approach_speed=self._number(
                 'approach_speed', default.approach_speed, "m/s along the probe's axis", 1e-3, 2.0
             ),
+            acceleration=self._number(
+                'acceleration', default.acceleration, _ACCELERATION, 1e-2, 1e4
+            ),
+            jerk=self._number('jerk', default.jerk, _JERK, 1e-1, 1e6),
             answer_timeout=self._number(
                 'answer_timeout', default.answer_timeout, text, 0.1, 3600.0
             ),

@@ -53,5 +53,9 @@ if TYPE_CHECKING:
         TakenTally as TakenTally,
         TakingSession as TakingSession,
     )
+    from calib_capture.recording.trajectory_bytes import (
+        read_trajectory_cdr as read_trajectory_cdr,
+        trajectory_cdr as trajectory_cdr,
+    )
 else:
     __getattr__, __dir__, __all__ = lazily(__name__, __file__)

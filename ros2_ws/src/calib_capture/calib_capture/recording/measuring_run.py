@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calib_capture.motion import Leg, Trajectory
+from calib_capture.motion import ACCELERATION, JERK, Leg, Trajectory, motion_limits
 from calib_capture.program import PlannedPose, Program
+from calib_capture.recording.commanded_motion import CommandedMotion, StandingMean
 from calib_model.arrays import Array
 from calib_model.errors import CalibrationError
 from calib_model.instruments import Arm
 from calib_model.pairing import Outcome, Reason, Refusal, SteadyPose
-from calib_model.stamps import SECOND
 
 NO_ANSWER = 'no answer'
 NO_FREE_WAY = 'no free way'
@@ -25,7 +25,9 @@ WORTH_ANOTHER_TRY = (
     Reason.ARM_UNSTEADY,
     Reason.STYLI_UNSTEADY,
 )
-STILL = 1e-4  # rad
+STILL = 5e-4  # rad: more than encoders scatter
+STANDS = 0.1  # s before an arm counts as standing that nobody commanded there
+RESERVE = 0.85  # of acceleration and jerk is planned with: a stop may need the rest
 BETWEEN = 1.5  # s from one approach to the next, before there is a pace to tell by
 STAMP_STEP = 1e-6  # s: stamps are rounded
 STEP_ASIDE = 0.01  # rad of the last joint: enough for a new stop, little for the probe
@@ -44,7 +46,9 @@ class RunSettings:
     """How poses are commanded: `batch` at a time, each held for `hold` s.
 
     `speed` is the share of the joints' largest speeds at which the arm goes from pose to pose,
-    `approach_speed` (m/s) how fast it comes to a sphere and leaves it along the probe's axis.
+    `approach_speed` (m/s) how fast it comes to a sphere and leaves it along the probe's axis;
+    `acceleration` (rad/s^2) and `jerk` (rad/s^3) are the limits of joints whose description has
+    none.
 
     `answer_timeout` (s of the wall clock) after the last sign of life the poses of a batch that
     have no outcome get none; `give_up` (s) without any accepted or refused pose ends the run.
@@ -55,6 +59,8 @@ class RunSettings:
     hold: float = 0.06
     speed: float = 0.3
     approach_speed: float = 0.1
+    acceleration: float = ACCELERATION
+    jerk: float = JERK
     answer_timeout: float = 3.0
     give_up: float = 30.0
     tolerance: float = 2e-3
@@ -117,12 +123,15 @@ class MeasuringRun:
         self._arm = arm
         self._todo = deque[tuple[PlannedPose, int]]((pose, 1) for pose in program.poses)
         self._open: list[tuple[PlannedPose, int]] = []
+        limits = motion_limits(arm, settings.acceleration, settings.jerk)
+        self._limits = limits.share(settings.speed, RESERVE, RESERVE)
+        self.motion = CommandedMotion(limits)
         self._here: Array | None = None
-        self._stands: Array | None = None  # where it has been still, for `_held` s
-        self._since = 0  # since this stamp, ns
-        self._held = 0.0
+        self._stands = StandingMean(STILL)
         self._goal: Array | None = None
         self._left = True  # whether it has moved since it was told to
+        self.paused = False
+        self._visited: list[PlannedPose] = []  # those of the last command
         self._last: PlannedPose | None = None  # the last one it was told to go to
         self._sign_of_life = self._progress = self._start = now
 
@@ -138,11 +147,11 @@ class MeasuringRun:
 
     def next_trajectory(self, now: float) -> Trajectory | None:
         """The next batch as a trajectory, None while the arm is busy with the last one."""
-        if not self._todo or not self._free():
+        if self.paused or not self._todo or not self._free():
             return None
-        assert self._here is not None
-        leg = Leg(self._here, self.settings.speed * self._arm.velocity)
+        leg = Leg(self._standing(), self._limits)
         self._step_aside(leg)
+        self._visited = self._visited[-1:]
         left = self.settings.batch
         while self._todo and left:
             pose, attempt = self._todo.popleft()
@@ -151,34 +160,44 @@ class MeasuringRun:
                 continue
             self._open.append((pose, attempt))
             self._last = pose
+            self._visited.append(pose)
             left -= 1
-        if not leg.seconds or self._last is None:
+        if not leg.moves or self._last is None:
             return None
         self._goal = self._last.joints
         self._left = False
         self._sign_of_life = now
-        return Trajectory(np.array(leg.seconds), np.array(leg.positions))
+        trajectory = leg.trajectory()
+        self.motion.begin(trajectory, now)
+        return trajectory
+
+    def _standing(self) -> Array:
+        """Where the arm is commanded to be, or stands where nobody commanded it."""
+        here = self._stands.mean
+        assert here is not None
+        if self._goal is not None and np.abs(here - self._goal).max() <= self.settings.tolerance:
+            return self._goal
+        return here
 
     def _free(self) -> bool:
         if self._here is None:
             return False
-        if self._goal is None or not self._open:
+        if self._goal is None:  # it may still be coming to rest
+            return self.motion.stopped and self._stands.held >= STANDS
+        if not self._open:
             return True
         there = np.abs(self._here - self._goal).max() <= self.settings.tolerance
-        held = self._held >= self.settings.hold - STAMP_STEP
+        held = self._stands.held >= self.settings.hold - STAMP_STEP
         return bool(there) and self._left and held and len(self._open) <= self.settings.batch
 
     def _go_to(self, leg: Leg, pose: PlannedPose) -> bool:
         """To a pose by its approach and a rest there; False when no free way leads to it."""
-        last, speed = self._last, self.settings.approach_speed
-        back: Array = np.empty((0, self._arm.n))
-        if last is not None and self._at(last, leg.here):
-            back = last.approach[::-1]  # away from the last pose, when that is where the arm is
+        speed = self.settings.approach_speed
+        back, standoff = self._retreat(leg.here)
         between = self._between(back[-1] if len(back) else leg.here, pose)
         if between is None:
             return False
-        if last is not None:
-            leg.along(back, last.standoff / speed)
+        leg.along(back, standoff / speed)
         for posture in between:
             leg.to(posture)
         if len(pose.approach):
@@ -188,6 +207,24 @@ class MeasuringRun:
             leg.to(pose.joints)
         leg.rest(self.settings.hold)
         return True
+
+    def _retreat(self, here: Array) -> tuple[Array, float]:
+        """What to go by (K, n) away from a sphere, over how many m, where the arm is on its
+        approach to one or has arrived."""
+        for pose in reversed(self._visited):
+            chain = np.vstack([pose.approach, pose.joints]) if len(pose.approach) else None
+            if chain is None:
+                continue
+            for first in range(len(chain) - 2, -1, -1):
+                if self._on(here, chain[first], chain[first + 1]):
+                    return chain[first::-1], pose.standoff * (first + 1) / (len(chain) - 1)
+        return np.empty((0, self._arm.n)), 0.0
+
+    def _on(self, here: Array, one: Array, other: Array) -> bool:
+        """Whether a posture is on the straight way between two."""
+        way = other - one
+        part = float(np.clip((here - one) @ way / (way @ way), 0.0, 1.0))
+        return bool(np.abs(one + part * way - here).max() <= self.settings.tolerance)
 
     def _between(self, start: Array, pose: PlannedPose) -> Array | None:
         """What to go by from `start` to where a pose's approach begins: as the program says, or
@@ -221,12 +258,10 @@ class MeasuringRun:
 
     def see(self, joints: Array, stamp: int, now: float) -> None:
         """Take note of where the arm is at a stamp (ns); while it moves, answers can still come."""
-        self._since = min(self._since, stamp)  # a clock may be set back
-        if self._stands is None or np.abs(joints - self._stands).max() > STILL:
+        if self._stands.see(joints, stamp):
             self._sign_of_life = now
-            self._stands, self._since = joints, stamp
             self._left = True
-        self._held = (stamp - self._since) / SECOND
+        self.motion.see(joints, stamp, now)
         self._here = joints
 
     def take(self, outcome: Outcome, now: float) -> TakenPose | None:
@@ -271,7 +306,43 @@ class MeasuringRun:
 
     def overdue(self, now: float) -> bool:
         """Whether the open poses have gone without a sign of life for too long."""
-        return bool(self._open) and now - self._sign_of_life > self.settings.answer_timeout
+        patience = self.settings.answer_timeout + self.settings.hold
+        return bool(self._open) and now - self._sign_of_life > patience
+
+    def refuse_standstill(self) -> None:
+        """Nothing, where the arm has come to where it was commanded to.
+
+        Raises:
+            RunError: it has not; to be asked when there is no sign of life.
+        """
+        here = self._stands.mean
+        if here is None or self._goal is None:
+            return
+        off = np.abs(here - self._goal)
+        joint = int(np.argmax(off))
+        if off[joint] <= self.settings.tolerance:
+            return
+        what = 'has stopped on the way' if self._left else 'has not moved since it was commanded'
+        raise RunError(
+            f'the arm does not follow: it {what}, {self._arm.joint_names[joint]} stands '
+            f'{off[joint]:.3g} rad from its goal; see what the controller says'
+        )
+
+    def pause(self) -> None:
+        """Command nothing any more; the open poses are to be tried again."""
+        self.paused, self._goal = True, None
+        self._todo.extendleft(reversed(self._open))
+        self._open = []
+
+    def go_on(self, now: float) -> None:
+        """After a pause."""
+        self.paused = False
+        self._sign_of_life = self._progress = now
+
+    @property
+    def stands(self) -> tuple[Array | None, float]:
+        """Where the arm stands (n,), and for how many s it has."""
+        return self._stands.mean, self._stands.held
 
     def close_batch(self, now: float) -> None:
         """Give up waiting for the open poses; each is tried once more, then refused.
@@ -291,7 +362,7 @@ class MeasuringRun:
         Raises:
             RunError: nothing has come of any pose for too long.
         """
-        if now - self._progress > self.settings.give_up:
+        if now - self._progress > self.settings.give_up + self.settings.hold:
             raise RunError(
                 f'no pose has been answered for {now - self._progress:.0f} s, giving up: '
                 f'{self.tally.line()} of {self.tally.planned}'

@@ -16,6 +16,7 @@ from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS, Topic
 Clock = Callable[[], float]
 BACK = 'stamps of the joints began anew: {}'
 UNSURE = '{} messages left out around a publisher started anew'
+FRESH = 0.3  # s since the last joint state: what it tells holds now
 STALE = 1.0  # s without a message of one stream: it is waited for, the arm told nothing
 SAVE_WITHIN = 0.02  # s: accepted poses that come closer together share a flush
 
@@ -50,6 +51,7 @@ class ProgramSession:
         self._newest = [0, 0]
         self._fresh = [clock(), clock()]
         self._clock_line = ''
+        self._halting = self._lost = self._paused = False
         self.unsure = 0  # messages that came while nobody knew from whom
         self.outcomes: list[Outcome] = []  # accepted poses and refusals so far, to be shown
 
@@ -95,13 +97,62 @@ class ProgramSession:
         """
         now = self._clock()
         if self._stale():
+            if not self._lost and self.run.motion.under_way(now):
+                self._lost = True
+                self.halt()
             self.run.excuse()
-            self._named(self.run.give_up, now)
+            if not self._paused:
+                self._named(self.run.give_up, now)
+        elif self._lost:
+            self._lost = False
+            if not self._paused:
+                self.run.go_on(now)
+        if self._halting:
+            self._stop_arm(now)
         if self.run.overdue(now):
             self._take(self.pairing.finish())
+            if now - self._fresh[0] < FRESH:
+                self.run.refuse_standstill()
             self._named(self.run.close_batch, now)
         self._save()
         self._go_on([])
+
+    def halt(self) -> None:
+        """Bring the arm to rest, and command nothing until the run goes on."""
+        self.run.pause()
+        self._halting = True
+        self._stop_arm(self._clock())
+
+    def pause(self) -> None:
+        """Bring the arm to rest until somebody says to go on."""
+        self._paused = True
+        self.halt()
+
+    def go_on(self) -> bool:
+        """After a pause; False when there was none."""
+        if not self._paused:
+            return False
+        self._paused = False
+        self.run.go_on(self._clock())
+        return True
+
+    def go_on_halting(self) -> None:
+        """What a tick does for an arm that is to stop, and no more."""
+        if self._halting:
+            self._stop_arm(self._clock())
+
+    @property
+    def halting(self) -> bool:
+        """Whether the arm is still to be stopped."""
+        return self._halting
+
+    def _stop_arm(self, now: float) -> None:
+        motion = self.run.motion
+        if not motion.under_way(now):
+            self._halting = False
+        elif (trajectory := motion.stop(now)) is not None:
+            self._command(trajectory)
+            self._halting = False
 
     def finish(self) -> None:
         """Note what the streams told of their clocks; no more messages are coming."""
@@ -133,7 +184,8 @@ class ProgramSession:
 
     def _go_on(self, outcomes: list[Outcome]) -> None:
         self._take(outcomes)
-        trajectory = None if self._stale() else self.run.next_trajectory(self._clock())
+        waits = self._halting or self._stale()
+        trajectory = None if waits else self.run.next_trajectory(self._clock())
         if trajectory is not None:
             self._command(trajectory)
         waited = self._unsaved_since is not None and self._clock() - self._unsaved_since

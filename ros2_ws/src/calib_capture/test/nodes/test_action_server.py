@@ -23,7 +23,7 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
-from calib_capture.motion import Trajectory
+from calib_capture.motion import Leg, motion_limits
 from calib_capture.nodes.messages import joint_trajectory
 from calib_capture.program import (
     Planner,
@@ -94,7 +94,7 @@ class Client:
         self.until(self.teach_service.service_is_ready)
         request = Teach.Request(location=location, sphere=sphere)
         # on a busy machine states may come too far apart for an arm at rest, or not be met yet
-        passing = 'has not stood still', 'no joint states'
+        passing = 'has not stood still', 'no joint states', 'not there yet'
         for _ in range(20):
             answer = self.asked(self.teach_service, request)
             if not any(said in answer.message for said in passing):
@@ -113,9 +113,10 @@ class Client:
     def stand(self, joints):
         """Let the arm go to a posture and rest there."""
         self.until(lambda: self.commands.get_subscription_count() and self.perfect.before)
-        trajectory = Trajectory(np.array([1.0]), joints[None])
-        names = self.perfect.arm.joint_names
-        self.commands.publish(joint_trajectory(names, trajectory))
+        arm = self.perfect.arm
+        leg = Leg(self.perfect.before[1], motion_limits(arm))
+        leg.to(joints)
+        self.commands.publish(joint_trajectory(arm.joint_names, leg.trajectory()))
         self.until(lambda: np.abs(self.perfect.before[1] - joints).max() < 1e-9)
         since = self.perfect.before[0]
         self.until(lambda: self.perfect.before[0] - since > 5e8)
@@ -130,7 +131,13 @@ def client(domain, kr5, probe, gauge, placements, monkeypatch):
 
 
 def start(graph, config, time_scale=0, **given):
-    graph.start(ARM, arm=config / 'arms' / 'kuka_kr5_sixx_r650.yaml', time_scale=time_scale)
+    graph.start(
+        ARM,
+        arm=config / 'arms' / 'kuka_kr5_sixx_r650.yaml',
+        time_scale=time_scale,
+        noise=0.0,
+        step=0.0,
+    )
     places = given.pop('placements', config / 'locations' / 'kr5.yaml')
     return graph.start(CAPTURE, serve='true', placements=places, **given)
 

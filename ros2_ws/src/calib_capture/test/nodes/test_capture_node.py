@@ -56,7 +56,7 @@ def asked(config, tmp_path):
 @pytest.fixture
 def arm_node(graph, config):
     path = config / 'arms' / 'kuka_kr5_sixx_r650.yaml'
-    return graph.start(ARM, arm=path, time_scale=0)
+    return graph.start(ARM, arm=path, time_scale=0, noise=0.0, step=0.0)
 
 
 def test_every_pose_is_taken_published_and_recorded(graph, perfect, asked, arm_node, tmp_path):
@@ -112,7 +112,7 @@ def test_readings_lost_once_are_taken_the_second_time(graph, perfect, asked, arm
 
 def test_ctrl_c_stops_the_arm_and_leaves_a_bag_that_opens(graph, perfect, asked, config, tmp_path):
     path = config / 'arms' / 'kuka_kr5_sixx_r650.yaml'
-    graph.start(ARM, arm=path, time_scale=5)
+    graph.start(ARM, arm=path, time_scale=5, noise=0.0, step=0.0)
     capture = graph.start(CAPTURE, **{**asked, 'poses_per_sphere': 200})
     end = time.monotonic() + 60
     while len(perfect.poses) < 5 and time.monotonic() < end:

@@ -6,7 +6,7 @@ import io
 import numpy as np
 import pytest
 
-from calib_capture.motion import Motion
+from calib_capture.motion import InterpolatedMotion
 from calib_capture.program import PlannedPose, Program, SpherePlan
 from calib_capture.recording.measuring_run import NO_ANSWER, MeasuringRun, RunError, RunSettings
 from calib_capture.recording.program_session import ProgramSession
@@ -40,6 +40,25 @@ def planned(number, count=7, spares=2):
     return SpherePlan(1, number, poses, tuple(pose(-i) for i in range(1, spares + 1)), count, 0)
 
 
+HOME = np.zeros(6)
+
+
+def stand(run, joints=HOME):
+    """The arm has stood somewhere for a while."""
+    run.see(joints, -SECOND, 0.0)
+    run.see(joints, 0, 0.0)
+
+
+def rests(trajectory):
+    """The instants and postures at which the arm is at rest, but for where it begins."""
+    still = (trajectory.velocities == 0).all(axis=1)
+    return trajectory.seconds[still][1:], trajectory.positions[still][1:]
+
+
+def stops(trajectory):
+    return rests(trajectory)[1]
+
+
 @pytest.fixture
 def program():
     return Program((planned(1),))
@@ -48,7 +67,7 @@ def program():
 @pytest.fixture
 def run(kr5, program):
     run = MeasuringRun(kr5, program, SETTINGS, 0.0)
-    run.see(np.zeros(6), 0, 0.0)
+    stand(run)
     return run
 
 
@@ -60,9 +79,9 @@ def test_an_arm_comes_and_leaves_by_the_approach_also_from_batch_to_batch(kr5):
     poses = tuple(pose(i) for i in range(1, 5))
     program = Program((SpherePlan(1, 1, poses, (), 4, 0),))
     run = MeasuringRun(kr5, program, RunSettings(batch=2), 0.0)
-    run.see(np.zeros(6), 0, 0.0)
+    stand(run)
     first = run.next_trajectory(0.0)
-    assert first.positions[:, 0] == pytest.approx(
+    assert stops(first)[:, 0] == pytest.approx(
         [0.12, 0.11, 0.1, 0.1, 0.11, 0.12, 0.22, 0.21, 0.2, 0.2]
     )
     assert (np.diff(first.seconds) > 0).all()
@@ -71,7 +90,7 @@ def test_an_arm_comes_and_leaves_by_the_approach_also_from_batch_to_batch(kr5):
     run.see(np.full(6, 0.2), 0, 1.0)
     run.see(np.full(6, 0.2), 10**9, 1.0)
     second = run.next_trajectory(2.0)
-    assert second.positions[:4, 0] == pytest.approx([0.21, 0.22, 0.32, 0.31])
+    assert stops(second)[:4, 0] == pytest.approx([0.21, 0.22, 0.32, 0.31])
 
 
 def test_an_arm_goes_by_the_way_that_was_found_free_or_by_one_found_anew(kr5):
@@ -91,9 +110,9 @@ def test_an_arm_goes_by_the_way_that_was_found_free_or_by_one_found_anew(kr5):
         (SpherePlan(1, 1, poses, (), 4, 0),), None, way_to, lambda here, pose: 'arm touches rod'
     )
     run = MeasuringRun(kr5, program, RunSettings(batch=4, approach_speed=0.05), 0.0)
-    run.see(np.zeros(6), 0, 0.0)
+    stand(run)
     first = run.next_trajectory(0.0)
-    assert first.positions[:, 0] == pytest.approx(
+    assert stops(first)[:, 0] == pytest.approx(
         [
             0.77,
             0.11,
@@ -114,7 +133,8 @@ def test_an_arm_goes_by_the_way_that_was_found_free_or_by_one_found_anew(kr5):
     assert [pose for _, pose in asked] == [poses[0], poses[2], poses[3]]
     assert [start for start, _ in asked] == pytest.approx([0.0, 0.21, 0.21])
     assert run.tally.refused == {'no free way, arm touches rod where the arm stands': 1}
-    assert first.seconds[2] - first.seconds[1] == pytest.approx(0.02 / 0.05)
+    times = rests(first)[0]
+    assert times[2] - times[1] >= 0.02 / 0.05
 
 
 def answered(joints):
@@ -124,20 +144,20 @@ def answered(joints):
 def test_nothing_is_commanded_before_the_arm_has_been_seen(kr5, program):
     run = MeasuringRun(kr5, program, SETTINGS, 0.0)
     assert run.next_trajectory(0.0) is None
-    run.see(np.zeros(6), 0, 0.0)
+    stand(run)
     assert run.next_trajectory(0.0) is not None
 
 
 def test_the_next_batch_waits_until_the_arm_has_held_the_last_pose(run, program):
     first = run.next_trajectory(0.0)
-    assert len(first.positions) == 6  # three poses, each with its rest
+    assert len(stops(first)) == 6  # three poses, each with its rest
     for i, pose in enumerate(program.poses[:3]):
         assert run.next_trajectory(0.1) is None
         run.see(pose.joints, i * SECOND, 0.1)
     run.see(program.poses[2].joints, 2 * SECOND + SECOND // 50, 0.1)
     assert run.next_trajectory(0.1) is None
     run.see(program.poses[2].joints, 2 * SECOND + round(SETTINGS.hold * SECOND), 0.1)
-    assert np.array_equal(run.next_trajectory(0.1).positions[0], program.poses[3].joints)
+    assert np.array_equal(stops(run.next_trajectory(0.1))[0], program.poses[3].joints)
 
 
 def test_a_third_batch_waits_for_outcomes_of_the_first(run, program):
@@ -152,16 +172,15 @@ def test_a_third_batch_waits_for_outcomes_of_the_first(run, program):
     assert run.next_trajectory(0.1) is None
     for pose in program.poses[:3]:
         assert run.take(answered(pose.joints), 0.1).planned is pose
-    assert len(run.next_trajectory(0.1).positions) == 2
+    assert len(stops(run.next_trajectory(0.1))) == 2
 
 
 def test_trajectories_keep_the_speed_and_hold_every_pose(run, kr5):
     trajectory = run.next_trajectory(0.0)
-    ways = np.diff(np.vstack([np.zeros(6), trajectory.positions]), axis=0)
-    times = np.diff(trajectory.seconds, prepend=0.0)
-    assert (np.abs(ways) <= SETTINGS.speed * kr5.velocity * times[:, None] * (1 + 1e-9)).all()
-    assert np.allclose(times[1::2], SETTINGS.hold)
-    assert np.allclose(ways[1::2], 0)
+    assert (np.abs(trajectory.velocities) <= SETTINGS.speed * kr5.velocity * (1 + 1e-9)).all()
+    seconds, postures = rests(trajectory)
+    assert np.allclose(np.diff(seconds)[::2], SETTINGS.hold)
+    assert np.allclose(np.diff(postures, axis=0)[::2], 0)
 
 
 def test_a_run_ends_when_every_pose_is_taken(run, program):
@@ -185,7 +204,7 @@ def test_a_pose_passed_by_without_an_answer_is_tried_once_more(run, program):
     assert run.take(answered(second.joints), 0.1).planned is second
     run.take(answered(program.poses[2].joints), 0.1)
     again = run.next_trajectory(0.2)
-    assert np.array_equal(again.positions[0], program.poses[0].joints)
+    assert np.array_equal(stops(again)[0], program.poses[0].joints)
     run.take(answered(program.poses[3].joints), 0.3)
     assert run.tally.refused == {NO_ANSWER: 1}
 
@@ -196,7 +215,7 @@ def test_a_refusal_by_place_is_not_tried_again_but_replaced(run, program):
     for pose in program.poses[1:3]:
         run.take(answered(pose.joints), 0.1)
     spare = run.next_trajectory(0.2)
-    assert np.array_equal(spare.positions[0], program.spheres[0].spares[0].joints)
+    assert np.array_equal(stops(spare)[0], program.spheres[0].spares[0].joints)
     assert run.tally.line() == '2 poses taken, 1 refused (1 over-travel; 1 replaced)'
     assert run.tally.done == 2
 
@@ -204,7 +223,7 @@ def test_a_refusal_by_place_is_not_tried_again_but_replaced(run, program):
 def test_without_a_spare_the_sphere_has_one_pose_less(kr5):
     program = Program((planned(1, count=1, spares=0),))
     run = MeasuringRun(kr5, program, SETTINGS, 0.0)
-    run.see(np.zeros(6), 0, 0.0)
+    stand(run)
     run.next_trajectory(0.0)
     run.take(Refusal(1, program.poses[0].joints, Reason.OVER_TRAVEL), 0.1)
     assert run.finished
@@ -221,18 +240,18 @@ def test_lost_readings_are_tried_once_more(run, program):
 
 
 def test_an_arm_that_is_there_already_steps_aside_for_a_new_stop(run, program):
-    run.see(program.poses[0].joints, 0, 0.0)
+    stand(run, program.poses[0].joints)
     trajectory = run.next_trajectory(0.0)
-    aside = np.abs(trajectory.positions[0] - program.poses[0].joints).max()
+    aside = np.abs(stops(trajectory)[0] - program.poses[0].joints).max()
     assert SETTINGS.tolerance < aside <= 0.02
-    assert np.array_equal(trajectory.positions[1], program.poses[0].joints)
+    assert np.array_equal(stops(trajectory)[1], program.poses[0].joints)
 
 
 def test_a_batch_of_a_pose_where_the_arm_stands_is_not_taken_for_done(kr5):
     program = Program((planned(1, count=4, spares=0),))
     run = MeasuringRun(kr5, program, RunSettings(batch=1), 0.0)
     here = program.poses[0].joints
-    run.see(here, 0, 0.0)
+    stand(run, here)
     run.see(here, 10 * SECOND, 0.0)
     run.next_trajectory(0.0)
     run.see(here, 11 * SECOND, 0.1)  # has not set off yet
@@ -258,6 +277,10 @@ def test_a_silent_graph_is_given_up_in_time(run):
     run.see(np.full(6, 0.05), 0, 0.9)  # it still moves
     assert not run.overdue(1.5)
     assert run.overdue(2.0)
+    with pytest.raises(
+        RunError, match='does not follow: it has stopped on the way, joint_a1 stands'
+    ):
+        run.refuse_standstill()
     run.close_batch(2.0)
     run.next_trajectory(2.0)
     with pytest.raises(RunError, match='no pose has been answered for 6 s'):
@@ -293,12 +316,12 @@ class Simulated:
 
     def live(self, session, seconds):
         """Let time pass; every trajectory is followed from where the arm then is."""
-        motion, began = Motion.resting(np.zeros(6)), 0
+        motion, began = InterpolatedMotion.resting(np.zeros(6)), 0
         for _ in range(round(seconds / 0.01)):
             self.now += SECOND // 100
             if self.trajectories:
-                here = motion.at((self.now - began) / SECOND)[0]
-                motion = Motion(here, self.trajectories.pop(), self.kr5.velocity)
+                here = motion.at((self.now - began) / SECOND)
+                motion = InterpolatedMotion(here, self.trajectories.pop())
                 began = self.now
             q = motion.at((self.now - began) / SECOND)[0]
             raw = cdr.encode(cdr.joint_state(self.now, 'base', list(self.kr5.joint_names), q))
@@ -317,10 +340,11 @@ def test_a_session_takes_every_pose_into_a_bag_that_reads_back(
     simulated = Simulated(kr5, tmp_path / 'bag', program)
     session = simulated.session(probe, gauge)
     with session.recorder:
-        simulated.live(session, 20.0)
+        simulated.live(session, 40.0)
     assert session.finished
     measured = read_measurement(tmp_path / 'bag')
-    assert np.allclose(measured.poses.joints, [pose.joints for pose in program.poses])
+    # where the arm was when it counted as still: it comes to rest smoothly
+    assert np.allclose(measured.poses.joints, [pose.joints for pose in program.poses], atol=2e-5)
     assert measured.arm == kr5
     assert measured.gauge == gauge
     topics = {message.topic for message in read_messages(tmp_path / 'bag')}
@@ -331,7 +355,7 @@ def test_a_pose_is_announced_when_it_is_on_disk(kr5, probe, gauge, tmp_path, pro
     simulated = Simulated(kr5, tmp_path / 'bag', program)
     session = simulated.session(probe, gauge)
     with session.recorder:
-        simulated.live(session, 20.0)
+        simulated.live(session, 40.0)
     assert len(simulated.announced) == len(program.poses)
     for data, on_disk in zip(simulated.announced, simulated.on_disk, strict=True):
         assert data in on_disk
@@ -341,7 +365,7 @@ def test_pairing_redone_from_the_bag_gives_the_same_poses(kr5, probe, gauge, tmp
     simulated = Simulated(kr5, tmp_path / 'bag', program)
     session = simulated.session(probe, gauge)
     with session.recorder:
-        simulated.live(session, 20.0)
+        simulated.live(session, 40.0)
     pairing, redone = Pairing(SteadySettings()), []
     for message in read_messages(tmp_path / 'bag', {'/joint_states', '/probe/displacements'}):
         content = cdr.decode(message.type, message.data)
@@ -364,12 +388,12 @@ def test_a_pose_beyond_the_styli_is_replaced_by_a_spare(kr5, probe, gauge, tmp_p
     )
     session = simulated.session(probe, gauge)
     with session.recorder:
-        simulated.live(session, 30.0)
+        simulated.live(session, 60.0)
     assert session.finished
     joints = read_measurement(tmp_path / 'bag').poses.joints
     assert len(joints) == 7
-    assert not any(np.allclose(q, beyond) for q in joints)
-    assert any(np.allclose(q, program.spheres[0].spares[0].joints) for q in joints)
+    assert not any(np.allclose(q, beyond, atol=2e-5) for q in joints)
+    assert any(np.allclose(q, program.spheres[0].spares[0].joints, atol=2e-5) for q in joints)
 
 
 def test_a_bag_is_never_overwritten(kr5, probe, gauge, tmp_path, program):

@@ -112,7 +112,13 @@ def test_a_killed_capture_keeps_every_acknowledged_pose_and_resumes_to_a_complet
     perfect = PerfectProbe(domain, kr5, probe, gauge, placements)
     each_sphere, bag = 15 * KILLS, tmp_path / 'bag'
     try:
-        graph.start(ARM, arm=config / 'arms' / 'kuka_kr5_sixx_r650.yaml', time_scale=0)
+        graph.start(
+            ARM,
+            arm=config / 'arms' / 'kuka_kr5_sixx_r650.yaml',
+            time_scale=0,
+            noise=0.0,
+            step=0.0,
+        )
         asked = {
             'placements': config / 'locations' / 'kr5.yaml',
             'output': bag,

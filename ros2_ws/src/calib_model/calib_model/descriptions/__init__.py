@@ -30,5 +30,11 @@ if TYPE_CHECKING:
         parse_placements as parse_placements,
         placements_yaml as placements_yaml,
     )
+    from calib_model.descriptions.standing import (
+        SIMULATED as SIMULATED,
+        Standing as Standing,
+        parse_standing as parse_standing,
+        standing_yaml as standing_yaml,
+    )
 else:
     __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any
 
@@ -117,6 +117,10 @@ class Parameters:
         )
         return tuple(str(text) for text in given if text)
 
+    def given(self, name: str) -> bool:
+        """Whether somebody gave a parameter at the start, be it its default."""
+        return name in _given_to(self._node)
+
     def _declared(
         self,
         name: str,
@@ -167,8 +171,7 @@ def warn_of_unknown(node: Any) -> None:
 
     Not a refusal: a file for `/**` may hold those of other nodes.
     """
-    # rclpy has no public word for what was given and not declared
-    given = getattr(node, '_parameter_overrides', {})
+    given = _given_to(node)
     unknown = [
         name
         for name in sorted(given)
@@ -177,6 +180,12 @@ def warn_of_unknown(node: Any) -> None:
     if unknown:
         known = sorted(node.get_parameters_by_prefix(''))
         node.get_logger().warning(_unknown_line(unknown, known))
+
+
+def _given_to(node: Any) -> Mapping[str, Any]:
+    """The parameters that were given to a node, declared or not."""
+    given: Mapping[str, Any] = getattr(node, '_parameter_overrides', {})  # rclpy has no public word
+    return given
 
 
 def _unknown_line(unknown: Sequence[str], known: Sequence[str]) -> str:
@@ -207,6 +216,7 @@ class Proposal:
     def __init__(self, node: Any, given: Sequence[Parameter] = ()) -> None:
         self._node = node
         self._given = {parameter.name: parameter for parameter in given}
+        self._parameter_overrides = _given_to(node)  # what was given is so as it would be
 
     def declare_parameter(self, name: str, _: Any, __: ParameterDescriptor) -> Parameter:
         """The proposed value, or the present one."""

@@ -63,12 +63,10 @@ if TYPE_CHECKING:
         SteadyPose as SteadyPose,
         SteadySettings as SteadySettings,
     )
-    from calib_model.pairing.stream_order import (
-        Rows as Rows,
-    )
     from calib_model.pairing.streams import (
         RawStreams as RawStreams,
         RecordedStreams as RecordedStreams,
+        Rows as Rows,
     )
 else:
     __getattr__, __dir__, __all__ = lazily(__name__, __file__)

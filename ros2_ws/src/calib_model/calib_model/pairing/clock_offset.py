@@ -21,8 +21,7 @@ from calib_model.kinematics import points, probing_jacobian
 from calib_model.pairing.clock_equations import ChunkSums, centred, solved
 from calib_model.pairing.interpolation import interpolated
 from calib_model.pairing.readings import GRAVEST, JointSample, Reading, objections, usable
-from calib_model.pairing.stream_order import STEP_BACK, Rows
-from calib_model.pairing.streams import RawStreams
+from calib_model.pairing.streams import STEP_BACK, RawStreams, Rows
 from calib_model.stamps import SECOND
 
 FINE = 0.02  # s between joint states up to which the arm's way between them is known

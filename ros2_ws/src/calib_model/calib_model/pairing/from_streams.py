@@ -13,11 +13,18 @@ from numpy.typing import NDArray
 from calib_model.arrays import Array, frozen
 from calib_model.pairing.interpolation import interpolated
 from calib_model.pairing.paired_readings import WIDE, HandGuidedSettings, pair_readings
-from calib_model.pairing.readings import JointSample, Reading
+from calib_model.pairing.readings import JointSample, Reading, Reason
 from calib_model.pairing.spaced_poses import SpacedPoses
-from calib_model.pairing.stop_and_go import Outcome, Pairing, Refusal, SteadyPose, SteadySettings
-from calib_model.pairing.stream_order import STEP_BACK, unbroken
-from calib_model.pairing.streams import RawStreams, RecordedStreams
+from calib_model.pairing.stop_and_go import (
+    Outcome,
+    Pairing,
+    Refusal,
+    SteadyPose,
+    SteadySettings,
+    still_as,
+)
+from calib_model.pairing.stops import SCATTER, StopFinder
+from calib_model.pairing.streams import STEP_BACK, RawStreams, RecordedStreams, unbroken
 from calib_model.stamps import SECOND
 
 APART = 0.1  # s between readings that belong to one contact
@@ -152,19 +159,23 @@ def standing_outcomes(
     t, q = streams.joint_stamp, streams.joints
     if len(t) < 2:
         return
-    gap = np.diff(t)
-    speed = np.abs(np.diff(q, axis=0)).max(axis=1)
-    still = (gap <= round(settings.max_gap * SECOND)) & (speed <= settings.max_speed * gap / SECOND)
-    window = round((settings.settle + settings.dwell) * SECOND)
+    gap, step = np.diff(t), np.abs(np.diff(q, axis=0)).max(axis=1)
+    rule = still_as(settings)
+    still = (gap <= rule.gap) & (step <= rule.max_speed * gap / SECOND + SCATTER)
     for first, last in _runs(still):
-        if t[last] - t[first] < round(settings.settle * SECOND):
+        if t[last] - t[first] < rule.settle:
             continue
-        end = min(int(np.searchsorted(t, t[first] + window)), last)
-        rows = [*range(first, end + 1), *([last + 1] if end < last + 1 < len(t) else [])]
-        samples = [JointSample(int(t[row]), q[row]) for row in rows]
-        answered, until = int(t[end]), int(t[first]) + window
-        deciding = streams if readings is None else readings.deciding(answered, until)
-        yield from _stop(samples, deciding, settings, until)
+        finder = StopFinder(rule)
+        for row in range(first, min(last + 2, len(t))):
+            for stop in finder.take(JointSample(int(t[row]), q[row])):
+                if not stop.answered:
+                    yield Refusal(stop.start, stop.samples[0].joints, Reason.ARM_UNSTEADY)
+                    continue
+                until = stop.start + rule.window
+                deciding = streams
+                if readings is not None:
+                    deciding = readings.deciding(stop.samples[-1].stamp, until)
+                yield from _stop(stop.samples, deciding, settings, until)
 
 
 def _stop(

@@ -24,8 +24,7 @@ from calib_model.pairing.paired_readings import (
     pair_readings,
 )
 from calib_model.pairing.readings import JointSample, Reading
-from calib_model.pairing.stream_order import STEP_BACK
-from calib_model.pairing.streams import RawStreams
+from calib_model.pairing.streams import STEP_BACK, RawStreams
 from calib_model.stamps import SECOND
 
 TOGETHER = SECOND // 30  # ns of readings settled together: one by one takes ten times as long

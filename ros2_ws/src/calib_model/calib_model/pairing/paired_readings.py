@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from calib_model.arrays import Array
 from calib_model.pairing.interpolation import interpolated
 from calib_model.pairing.readings import GRAVEST, Reason, objections
-from calib_model.pairing.stream_order import Rows
-from calib_model.pairing.streams import RawStreams
+from calib_model.pairing.streams import RawStreams, Rows
 from calib_model.stamps import SECOND
 
 STEP = SECOND // 10_000  # ns to which gaps between joint states are counted

@@ -23,8 +23,7 @@ from calib_model.pairing.stream_columns import (
     little_endian,
     reading_blocks,
 )
-from calib_model.pairing.stream_order import Rows
-from calib_model.pairing.streams import RawStreams, RecordedStreams
+from calib_model.pairing.streams import RawStreams, RecordedStreams, Rows
 from calib_model.stamps import SECOND
 from calib_model.streams import Part, put_together, tell_no_time
 from calib_model.topics import (

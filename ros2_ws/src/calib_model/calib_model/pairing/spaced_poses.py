@@ -10,7 +10,7 @@ import numpy as np
 
 from calib_model.arrays import Array
 from calib_model.pairing.paired_readings import HandGuidedSettings
-from calib_model.pairing.stream_order import Rows
+from calib_model.pairing.streams import Rows
 from calib_model.stamps import SECOND
 
 APART = SECOND // 10  # ns between readings that belong to one contact

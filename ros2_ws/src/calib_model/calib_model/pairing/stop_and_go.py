@@ -2,29 +2,37 @@
 """Pairing of probe readings with the joints at their stamps, and what makes a pose count.
 
 A pose counts once per stop of the arm: after the joints have been still for `settle`, the
-readings of the next `dwell` are averaged. Only stamps decide, never the time of arrival, so the
-same streams give the same poses live and from a bag.
+readings of the next `dwell` are averaged, and the joints too. Only stamps decide, never the time of
+arrival, so the same streams give the same poses live and from a bag.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left, insort
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib_model.arrays import Array, frozen
 from calib_model.pairing.interpolation import interpolated
 from calib_model.pairing.readings import GRAVEST, JointSample, Reading, Reason, objections
-from calib_model.pairing.stream_order import STEP_BACK
+from calib_model.pairing.stops import MANY, SURE, Line, Stillness, Stop, StopFinder
+from calib_model.pairing.streams import STEP_BACK
 from calib_model.stamps import SECOND
+
+WHITE = 1.5  # of their noise from one to the next: more is a swing
+NOISIEST = 5.0  # times the spread that is asked for
+DRIFT = 1e-4  # rad over the dwell: an arm that moves so much is not averaged
 
 
 @dataclass(frozen=True)
 class SteadySettings:
-    """When a stop counts: times in s, `max_speed` in rad/s, `max_spread` in m (peak to peak).
+    """When a stop counts: times in s, `max_speed` in rad/s, `max_spread` in m (peak to peak;
+    where many readings scatter like noise, of what they drift).
 
     `max_gap` is the longest gap between joint states that is interpolated across. Messages of one
     stream that come up to `lateness` late are put in their place.
@@ -61,16 +69,16 @@ class Refusal:
 Outcome = SteadyPose | Refusal
 
 
+def still_as(settings: SteadySettings) -> Stillness:
+    """What counts as still by these settings."""
+    settle, dwell, gap = (
+        round(each * SECOND) for each in (settings.settle, settings.dwell, settings.max_gap)
+    )
+    return Stillness(settle, dwell, gap, settings.max_speed)
+
+
 def _stamp(sample: JointSample | Reading) -> int:
     return sample.stamp
-
-
-@dataclass
-class _Stop:
-    """The arm standing still: its samples so far, and the readings that fall into it."""
-
-    samples: list[JointSample]
-    answered: bool = False
 
 
 class Pairing:
@@ -82,15 +90,14 @@ class Pairing:
         self.steps_back = 0  # how often the joints' stamps began anew
         self._settle = round(settings.settle * SECOND)
         self._window = round((settings.settle + settings.dwell) * SECOND)
-        self._gap = round(settings.max_gap * SECOND)
         self._lateness = round(settings.lateness * SECOND)
         self._step_back = max(STEP_BACK, self._lateness)
         self._begin()
 
     def _begin(self) -> None:
         self._early_joints: list[JointSample] = []
-        self._stop: _Stop | None = None
-        self._waiting: deque[_Stop] = deque()
+        self._stops = StopFinder(still_as(self.settings))
+        self._waiting: deque[Stop] = deque()
         self._newest_joints = -1
         self._begin_readings()
 
@@ -142,35 +149,15 @@ class Pairing:
         return outcomes
 
     def _take_joints(self, sample: JointSample) -> None:
-        if self._stop is None:
-            self._stop = _Stop([sample])
-            return
-        before = self._stop.samples[-1]
-        gap = sample.stamp - before.stamp
-        if gap <= 0:
+        now = self._stops.stop
+        before = sample if now is None else now.samples[-1]
+        if now is not None and sample.stamp <= before.stamp:
             self.too_late += 1
             return
-        step = np.abs(sample.joints - before.joints).max()
-        if gap > self._gap or step > self.settings.max_speed * gap / SECOND:
-            self._leave(self._stop)
-            self._stop = _Stop([sample])
+        self._waiting.extend(self._stops.take(sample))
+        after = self._stops.stop
+        if after is not now or (after is not None and after.answered and len(after.samples) == 2):
             self._forget(before.stamp)
-            return
-        if self._stop.answered:
-            self._stop.samples = [self._stop.samples[0], sample]
-            self._forget(before.stamp)
-            return
-        self._stop.samples.append(sample)
-        if sample.stamp >= self._stop.samples[0].stamp + self._window:
-            self._stop.answered = True
-            # a copy: the stop goes on, its window is complete
-            self._waiting.append(_Stop(list(self._stop.samples), answered=True))
-
-    def _leave(self, stop: _Stop) -> None:
-        """The arm moves on; a stop that was one, but too short, is refused."""
-        lasted = stop.samples[-1].stamp - stop.samples[0].stamp
-        if not stop.answered and lasted >= self._settle and len(stop.samples) > 1:
-            self._waiting.append(stop)
 
     def _forget(self, stamp: int) -> None:
         """Drop readings from before a stamp (ns) that no stop is waiting for."""
@@ -194,7 +181,7 @@ class Pairing:
             outcomes.append(self._outcome(self._waiting.popleft()))
         return outcomes
 
-    def _outcome(self, stop: _Stop) -> Outcome:
+    def _outcome(self, stop: Stop) -> Outcome:
         start = stop.samples[0].stamp
         stands = stop.samples[0].joints
         if not stop.answered:
@@ -207,19 +194,22 @@ class Pairing:
         if reason is not None:
             return Refusal(start, stands, reason)
         stamp = start + sum(reading.stamp - start for reading in readings) // count
-        # of an arm at rest the states further away would add nothing but their noise
-        after = max(1, bisect_left(stop.samples, stamp, key=_stamp))
-        around = stop.samples[after - 1 : after + 1]
-        there = interpolated(
-            np.array([sample.stamp for sample in around]),
-            np.array([sample.joints for sample in around]),
-            np.array([stamp]),
-            self.settings.max_gap,
-        )
-        if not there.known[0]:
-            return Refusal(start, stands, Reason.JOINTS_MISSING)
+        joints = self._joints_at(stamp, stop.samples)
         mean = np.mean([reading.displacement for reading in readings], axis=0)
-        return SteadyPose(stamp, frozen(there.joints[0]), frozen(mean), count)
+        return SteadyPose(stamp, joints, frozen(mean), count)
+
+    def _joints_at(self, stamp: int, samples: Sequence[JointSample]) -> Array:
+        """The joints (n,) of a stop at a stamp: averaged, where they do not move."""
+        line = Line.through(self._stops.still.dwelling(samples))
+        if (np.abs(line.slope) * self.settings.dwell).max() <= DRIFT:
+            return line.at(stamp)
+        after = max(1, bisect_left(samples, stamp, key=_stamp))
+        around = samples[after - 1 : after + 1]
+        stamps = np.array([sample.stamp for sample in around])
+        joints = np.array([sample.joints for sample in around])
+        return frozen(
+            interpolated(stamps, joints, np.array([stamp]), self.settings.max_gap).joints[0]
+        )
 
     def _objection(self, readings: list[Reading]) -> Reason | None:
         """What speaks against a window's readings, the gravest first."""
@@ -230,5 +220,19 @@ class Pairing:
         gravest = int(objections(status, displacement).min())
         if gravest < len(GRAVEST):
             return GRAVEST[gravest]
-        spread = np.ptp(displacement, axis=0).max()
-        return Reason.STYLI_UNSTEADY if spread > self.settings.max_spread else None
+        stamps = np.array([reading.stamp for reading in readings])
+        return None if self._rest(stamps, displacement) else Reason.STYLI_UNSTEADY
+
+    def _rest(self, stamps: NDArray[np.int64], displacement: Array) -> bool:
+        """Whether the styli rest: their readings (K, 3) are not farther apart than `max_spread`,
+        or scatter more, but from reading to reading and not about a mean that moves."""
+        most = self.settings.max_spread
+        if np.ptp(displacement, axis=0).max() <= most:
+            return True
+        if len(stamps) < MANY:
+            return False
+        line = Line.of(stamps, displacement)
+        seconds = float(stamps[-1] - stamps[0]) / SECOND
+        drift = (np.abs(line.slope) - SURE * line.slope_deviation) * seconds
+        noisy = line.scatter <= np.minimum(WHITE * line.noise, NOISIEST * most)
+        return bool((drift <= most).all() and (noisy | (line.scatter <= most / SURE)).all())

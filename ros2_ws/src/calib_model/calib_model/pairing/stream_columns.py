@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from calib_model.arrays import Array
 from calib_model.bags import cdr
-from calib_model.pairing.stream_order import Rows
+from calib_model.pairing.streams import Rows
 from calib_model.stamps import SECOND
 from calib_model.topics import DISPLACEMENTS, JOINT_STATE
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 from calib_model.pairing.hand_guided import HandGuidedPairing, HandGuidedSettings
 from calib_model.pairing.paired_readings import OUT_OF_ORDER
 from calib_model.pairing.readings import Reading
-from calib_model.pairing.stream_order import in_order, unbroken
+from calib_model.pairing.streams import in_order, unbroken
 from calib_model.stamps import SECOND
 
 pytestmark = pytest.mark.timeout(60)

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Straight legs in joint space from rest to rest, as fast as velocity, acceleration and jerk let.
+
+Ruckig times the way along a leg. Its acceleration is linear between a few instants, so that points
+at these alone, with position, velocity and acceleration, tell a controller that interpolates with
+quintic polynomials the very motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import ruckig
+
+from calib_capture.motion.limits import MotionLimits
+from calib_capture.motion.trajectory import Trajectory
+from calib_model.arrays import Array, frozen
+from calib_model.errors import CalibrationError
+from calib_model.stamps import SECOND
+
+LEAD = 0.1  # s at the start in which a controller comes from where it holds to where we see it
+SHORTEST_PHASE = 1e-3  # s: rounded stamps of points nearer in time would be seen in the jerk
+EASIER, TRIALS = 0.98, 40  # what acceleration is tried next where a phase is shorter, and how often
+NEAR, TINY = 1e-9, 1e-12  # rad: no way at all
+
+
+class MotionError(CalibrationError):
+    """A way for which there is no motion within the limits."""
+
+
+class Phase(NamedTuple):
+    """The end of a stretch of constant jerk: `seconds` from the start, the way gone so far, from 0
+    to 1, its speed and its acceleration."""
+
+    seconds: float
+    way: float
+    speed: float
+    acceleration: float
+
+
+class Leg:
+    """From posture `here` (n,), at rest, by straight ways with a rest at the end of each."""
+
+    def __init__(self, here: Array, limits: MotionLimits) -> None:
+        self.here = here
+        self.seconds = LEAD
+        self._limits = limits
+        self._phases = [Phase(LEAD, 0.0, 0.0, 0.0)]
+        self._from: list[Array] = [here]
+        self._ways: list[Array] = [np.zeros(len(here))]
+        self._counts = [1]
+
+    @property
+    def moves(self) -> bool:
+        """Whether it goes anywhere."""
+        return len(self._counts) > 1
+
+    def to(self, posture: Array, seconds: float = 0.0) -> None:
+        """On to a posture (n,), no joint faster than if it took `seconds` at an even pace."""
+        way = posture - self.here
+        far = np.maximum(np.abs(way), TINY)
+        if far.max() < NEAR:
+            return
+        limits = self._limits
+        velocity = float((limits.velocity / far).min())
+        if seconds > 0:
+            velocity = min(velocity, 1.0 / seconds)
+        phases = timed(
+            velocity, float((limits.acceleration / far).min()), float((limits.jerk / far).min())
+        )
+        self._add(way, phases)
+        self.here = posture
+
+    def along(self, postures: Array, seconds: float) -> None:
+        """By all of some postures (K, n), in so many seconds or what the joints need."""
+        for posture in postures:
+            self.to(posture, seconds / len(postures))
+
+    def rest(self, seconds: float) -> None:
+        """Stay."""
+        whole = round(seconds * SECOND) / SECOND
+        if whole > 0:
+            self._add(np.zeros(len(self.here)), [Phase(whole, 0.0, 0.0, 0.0)])
+
+    def _add(self, way: Array, phases: Sequence[Phase]) -> None:
+        begin = self.seconds
+        self._from.append(self.here)
+        self._ways.append(way)
+        self._counts.append(len(phases))
+        self._phases += [each._replace(seconds=begin + each.seconds) for each in phases]
+        self.seconds = self._phases[-1].seconds
+
+    def trajectory(self) -> Trajectory:
+        """The whole of it."""
+        start = np.repeat(np.array(self._from), self._counts, axis=0)
+        way = np.repeat(np.array(self._ways), self._counts, axis=0)
+        t, s, ds, dds = np.array(self._phases).T
+        return Trajectory(
+            frozen(t),
+            frozen(start + s[:, None] * way),
+            frozen(ds[:, None] * way),
+            frozen(dds[:, None] * way),
+        )
+
+
+def timed(velocity: float, acceleration: float, jerk: float) -> list[Phase]:
+    """The way from 0 to 1, from rest to rest, within these limits of it (1/s, 1/s^2, 1/s^3); the
+    phases end after whole nanoseconds, as stamps can tell.
+
+    Raises:
+        MotionError: there is no such motion.
+    """
+    # what is over within phases as short is not worth it
+    least = 2 * SHORTEST_PHASE
+    jerk = min(jerk, acceleration / least, velocity / least**2, 0.5 / least**3)
+    for _ in range(TRIALS):
+        profile = _profile(velocity, acceleration, jerk)
+        if not any(0 < phase < SHORTEST_PHASE for phase in profile.t):
+            break
+        velocity, acceleration = velocity * EASIER, acceleration * EASIER
+    phases, end = [], 0.0
+    for number, seconds in enumerate(profile.t, start=1):
+        end += seconds
+        if seconds < SHORTEST_PHASE:
+            continue
+        whole = round(end * SECOND) / SECOND
+        late = whole - end  # less than a nanosecond
+        s, ds, dds = profile.p[number], profile.v[number], profile.a[number]
+        phases.append(Phase(whole, s + late * (ds + late * dds / 2), ds + late * dds, dds))
+    if not phases:
+        raise MotionError(f'no motion within {velocity:g}/s and {acceleration:g}/s^2 of a way')
+    phases[-1] = Phase(phases[-1].seconds, 1.0, 0.0, 0.0)
+    return phases
+
+
+def _profile(velocity: float, acceleration: float, jerk: float) -> ruckig.Profile:
+    asked = ruckig.InputParameter(1)
+    asked.current_position, asked.target_position = [0.0], [1.0]
+    asked.max_velocity, asked.max_acceleration = [velocity], [acceleration]
+    asked.max_jerk = [jerk]
+    found = ruckig.Trajectory(1)
+    if ruckig.Ruckig(1).calculate(asked, found) != ruckig.Result.Working:
+        raise MotionError(
+            f'no motion within {velocity:g}/s, {acceleration:g}/s^2 and {jerk:g}/s^3 of a way'
+        )
+    return found.profiles[0][0]

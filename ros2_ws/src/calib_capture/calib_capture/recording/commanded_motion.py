@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the arm was told to do, where it is by now, and how to stop it there."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib_capture.motion import (
+    InterpolatedMotion,
+    MotionLimits,
+    MotionState,
+    Trajectory,
+    gentlest,
+    stop,
+)
+from calib_model.arrays import Array, frozen
+from calib_model.stamps import SECOND
+
+UNSURE = 0.06  # s, how late a stop may be taken, and how far drives may be behind
+LATEST = 1.5  # s, how far behind its command an arm is looked for
+LOOKS, CLOSER = 0.02, 0.002  # s between places where it is looked for, and then around the best
+ALIKE = 2e-3  # rad, root mean square: places that cannot be told apart
+TRACK, APART = 150, 0.01  # joint states that tell, and s between them
+PACES = (0.01, 100.0)  # of the arm's time in the wall's: simulations have their own
+LONG = 1.0  # s by which stamps do not fall but with their clock
+PATIENCE = 0.3  # s for a moment at which it can be stopped within its limits for sure
+HASTE = 0.45  # s until it is stopped as gently as can be, within them or not
+REAL = (0.75, 1.33)  # a pace that is real time, as far as messages come in time
+SURE = 0.3  # s of both times by which the pace is told
+
+
+class CommandedMotion:
+    """The arm's time is that of its stamps; between them it goes on as the wall's."""
+
+    def __init__(self, limits: MotionLimits) -> None:
+        self._limits = limits
+        self._motion: InterpolatedMotion | None = None
+        self._sent = (0.0, 0.0)  # when, s of the arm's time and of the wall's
+        self._seen = (0.0, 0.0)
+        self._track: deque[tuple[float, float, Array]] = deque(maxlen=TRACK)
+        self._asked: float | None = None
+        self._rests_at = 0.0  # s of the arm's time, after a stop
+
+    def see(self, joints: Array, stamp: int, now: float) -> None:
+        """The joints (n,) at a stamp (ns) that has come `now` (s)."""
+        self._seen = seconds, _ = stamp / SECOND, now
+        if self._track and seconds < self._track[-1][0] - LONG:  # a clock was set back
+            self._track.clear()
+            self._rests_at = 0.0
+        if not self._track or seconds - self._track[-1][0] >= APART:
+            self._track.append((seconds, now, joints))
+
+    def begin(self, trajectory: Trajectory, now: float) -> None:
+        """A trajectory is being sent, to an arm at rest where it begins."""
+        self._motion = InterpolatedMotion(MotionState.resting(trajectory.positions[0]), trajectory)
+        self._sent, self._asked = (self._arm_time(now, 1.0), now), None
+        self._track.clear()
+
+    def _arm_time(self, now: float, pace: float) -> float:
+        """In real time by the states that came the fastest: others have waited on their way."""
+        seen = [self._seen]
+        if pace == 1.0:
+            seen += [(stamp, wall) for stamp, wall, _ in self._track]
+        return max(stamp + (now - wall) * pace for stamp, wall in seen)
+
+    def _pace(self) -> float:
+        arm, wall = (seen - sent for seen, sent in zip(self._seen, self._sent, strict=True))
+        pace = float(np.clip(arm / wall, *PACES)) if min(arm, wall) > SURE else 1.0
+        return 1.0 if REAL[0] < pace < REAL[1] else pace
+
+    def elapsed(self, now: float) -> float:
+        """Seconds of the arm's time since the trajectory was sent."""
+        return self._arm_time(now, self._pace()) - self._sent[0]
+
+    def under_way(self, now: float) -> bool:
+        """Whether a trajectory is not over yet."""
+        motion = self._motion
+        return motion is not None and self.elapsed(now) < motion.duration + UNSURE * self._pace()
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the arm has had the time to come to rest since it was stopped."""
+        return self._seen[0] >= self._rests_at
+
+    def stop(self, now: float) -> Trajectory | None:
+        """How to stop the arm now; None for a moment at which it has to wait: it is to be asked
+        again."""
+        motion = self._motion
+        if motion is None or not self._track:
+            return None
+        self._asked = now if self._asked is None else self._asked
+        elapsed, (least, most, behind) = self.elapsed(now), self._behind()
+        late = UNSURE * self._pace()
+        found = stop(motion, elapsed - most, elapsed - least + late, self._limits)
+        if found is None and now - self._asked > PATIENCE:
+            likely = elapsed - behind + late / 2
+            found = stop(motion, likely, likely, self._limits)
+            if found is None and now - self._asked > HASTE:
+                found = gentlest(motion, likely, self._limits)
+        if found is not None:
+            self._motion = None
+            self._rests_at = self._arm_time(now, self._pace()) + found.duration + most + late
+        return found
+
+    def _behind(self) -> tuple[float, float, float]:
+        """By how much (s), at least, at most and most likely, the joints are behind the command as
+        it was sent.
+
+        A controller takes a while to begin, drives take one to follow; of an arm that has not
+        moved yet nobody knows.
+        """
+        assert self._motion is not None
+        stamps = np.array([stamp for stamp, _, _ in self._track]) - self._sent[0]
+        joints = np.array([joints for _, _, joints in self._track])
+        lags = np.arange(0.0, LATEST, LOOKS)
+        rms = self._off(lags, stamps, joints)
+        around = rms <= rms.min() + max(ALIKE, 0.5 * float(rms.min()))
+        around[max(int(np.argmin(rms)) - 1, 0) : int(np.argmin(rms)) + 2] = True
+        first, last = lags[around][[0, -1]]
+        lags = np.arange(first, last + CLOSER, CLOSER)
+        rms = self._off(lags, stamps, joints)
+        alike = lags[rms <= rms.min() + ALIKE]
+        return float(alike[0]), float(alike[-1]), float(lags[np.argmin(rms)])
+
+    def _off(self, lags: NDArray[np.floating[Any]], stamps: Array, joints: Array) -> Array:
+        """How far the joints (K, n) at stamps (K,) are off the command, root mean square, if they
+        are behind by lags (L,)."""
+        assert self._motion is not None
+        then = np.maximum(stamps[None] - lags[:, None], 0.0)
+        off = np.abs(self._motion.positions_at(then) - joints).max(axis=-1)
+        rms: Array = np.sqrt(np.mean(off**2, axis=1))
+        return rms
+
+
+class StandingMean:
+    """The mean of the joints while they stay within `tolerance` (rad) of it, and since when."""
+
+    def __init__(self, tolerance: float) -> None:
+        self._tolerance = tolerance
+        self._sum: Array | None = None
+        self._count = 0
+        self._since = self._last = 0
+
+    def see(self, joints: Array, stamp: int) -> bool:
+        """The joints (n,) at a stamp (ns); whether they have left where they were."""
+        self._last = stamp
+        self._since = min(self._since, stamp)  # a clock may be set back
+        mean = joints if self._sum is None else self._sum / self._count
+        if self._sum is not None and np.abs(joints - mean).max() <= self._tolerance:
+            self._sum, self._count = self._sum + joints, self._count + 1
+            return False
+        self._sum, self._count, self._since = joints.copy(), 1, stamp
+        return True
+
+    @property
+    def mean(self) -> Array | None:
+        """Of the joints (n,), rad."""
+        return None if self._sum is None else frozen(self._sum / self._count)
+
+    @property
+    def held(self) -> float:
+        """Seconds since they came here."""
+        return (self._last - self._since) / SECOND

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When the arm stands: found in its joint states, judged over the dwell, whatever they scatter.
+
+Two successive states tell nothing of an arm's speed where encoders scatter or step. So a stop is a
+stretch of states that stay together, and it is steady when a straight line through those of the
+dwell rises no faster than `max_speed` beyond what their own scatter leaves open, and when they do
+not swing about it more than from state to state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calib_model.arrays import Array, frozen
+from calib_model.pairing.readings import JointSample
+from calib_model.stamps import SECOND
+
+SCATTER = 5e-4  # rad from state to state that may be the encoders'
+TOGETHER = 1e-3  # rad from the mean of a stop
+SURE = 4.0  # standard deviations
+MANY = 10  # states or readings whose noise can be told
+FEW = 1e-5  # rad that fewer may drift over the dwell beside their largest speed
+SWING = 5e-5  # rad of scatter that no arm is refused for: steps of coarse encoders
+
+
+@dataclass(frozen=True)
+class Stillness:
+    """What counts as still: a stop of `settle` and `dwell` ns, `max_speed` in rad/s, and `gap`, the
+    longest between its states, in ns."""
+
+    settle: int
+    dwell: int
+    gap: int
+    max_speed: float
+
+    @property
+    def window(self) -> int:
+        """Settle and dwell, ns."""
+        return self.settle + self.dwell
+
+    @property
+    def reach(self) -> float:
+        """Rad from the mean of a stop within which its states are."""
+        return TOGETHER + self.max_speed * self.window / SECOND
+
+    def together(self, before: JointSample, after: JointSample) -> bool:
+        """Whether two successive states may be of one stop."""
+        gap = after.stamp - before.stamp
+        step = float(np.abs(after.joints - before.joints).max())
+        return gap <= self.gap and step <= self.max_speed * gap / SECOND + SCATTER
+
+    def dwelling(self, samples: Sequence[JointSample]) -> Sequence[JointSample]:
+        """The states of the dwell; all, where these are fewer than two."""
+        begin = samples[0].stamp + self.settle
+        first = next((i for i, each in enumerate(samples) if each.stamp >= begin), 0)
+        return samples[first:] if len(samples) - first > 1 else samples
+
+    def steady(self, samples: Sequence[JointSample]) -> bool:
+        """Whether the arm stands in the dwell of a stop's states, as far as they tell."""
+        dwelling = self.dwelling(samples)
+        line = Line.through(dwelling)
+        unsure = SURE * line.slope_deviation
+        if len(dwelling) < MANY:  # how much is noise they cannot tell
+            span = max(dwelling[-1].stamp - dwelling[0].stamp, 1) / SECOND
+            unsure = np.full_like(unsure, FEW / span)
+        if (np.abs(line.slope) > self.max_speed + unsure).any():
+            return False
+        return bool((line.scatter <= SURE * line.noise + SWING).all())
+
+
+@dataclass(frozen=True)
+class Line:
+    """A straight line through joint states: `mean` (n,) in rad at the mean `stamp` (ns), `slope`
+    (n,) in rad/s with its standard deviation, the `scatter` (n,) about it, and the `noise` (n,)
+    that the steps from state to state show, rad."""
+
+    stamp: float
+    mean: Array
+    slope: Array
+    slope_deviation: Array
+    scatter: Array
+    noise: Array
+
+    @classmethod
+    def through(cls, samples: Sequence[JointSample]) -> Line:
+        """By least squares; of two states the steps that encoders may make are their scatter."""
+        stamps = np.array([each.stamp for each in samples])
+        return cls.of(stamps, np.array([each.joints for each in samples]))
+
+    @classmethod
+    def of(cls, stamps: NDArray[np.int64], joints: Array) -> Line:
+        """Through values (K, n) at stamps (K,), ns."""
+        middle = float(np.mean(stamps - stamps[0]))
+        t = ((stamps - stamps[0]) - middle) / SECOND
+        spread = float(t @ t)
+        mean = joints[0] + (joints - joints[0]).mean(axis=0)  # equal ones to the last digit
+        slope = t @ (joints - mean) / spread if spread > 0 else np.zeros(joints.shape[1])
+        noise = np.sqrt(np.mean(np.diff(joints, axis=0) ** 2, axis=0) / 2)
+        if len(stamps) > 2:
+            left = joints - mean - t[:, None] * slope
+            scatter = np.sqrt((left**2).sum(axis=0) / (len(stamps) - 2))
+        else:
+            scatter = np.full(joints.shape[1], SCATTER / SURE)
+            noise = scatter
+        deviation = scatter / np.sqrt(spread) if spread > 0 else scatter
+        return cls(float(stamps[0]) + middle, mean, slope, deviation, scatter, noise)
+
+    def at(self, stamp: int) -> Array:
+        """The joints (n,) at a stamp, ns."""
+        return frozen(self.mean + self.slope * ((stamp - self.stamp) / SECOND))
+
+
+class Stop:
+    """The arm standing still: its states so far, and whether its window is complete."""
+
+    def __init__(self, sample: JointSample) -> None:
+        self.samples = [sample]
+        self.answered = False
+        self.began = sample.stamp
+        self._sum = np.array(sample.joints, dtype=np.float64)
+        self._count = 1
+
+    @property
+    def start(self) -> int:
+        """The stamp from which on it counts, ns."""
+        return self.samples[0].stamp
+
+    def near(self, sample: JointSample, within: float) -> bool:
+        """Whether a state is still where this stop is, `within` so many rad."""
+        return bool(np.abs(sample.joints - self._sum / self._count).max() <= within)
+
+    def add(self, sample: JointSample) -> None:
+        """One state more."""
+        self.samples.append(sample)
+        self._sum += sample.joints
+        self._count += 1
+
+    def later(self) -> None:
+        """Begin with the next state: in the first the arm still came to rest."""
+        self._sum -= self.samples.pop(0).joints
+        self._count -= 1
+
+
+class StopFinder:
+    """Takes joint states in the order of their stamps and gives the stops in them: `answered` ones
+    when their window is complete, others that were too short when the arm has left."""
+
+    def __init__(self, still: Stillness) -> None:
+        self.still = still
+        self.stop: Stop | None = None
+
+    def take(self, sample: JointSample) -> list[Stop]:
+        """One state later than the one before; at most one stop."""
+        stop = self.stop
+        if stop is None:
+            self.stop = Stop(sample)
+            return []
+        if not (
+            self.still.together(stop.samples[-1], sample) and stop.near(sample, self.still.reach)
+        ):
+            self.stop = Stop(sample)
+            return [stop] if self._too_short(stop) else []
+        if stop.answered:
+            stop.samples = [stop.samples[0], sample]
+            return []
+        stop.add(sample)
+        while sample.stamp >= stop.start + self.still.window:
+            if self.still.steady(stop.samples):
+                stop.answered = True
+                done = Stop(stop.samples[0])  # a copy: the stop goes on, its window is complete
+                done.samples, done.answered = list(stop.samples), True
+                return [done]
+            stop.later()
+        return []
+
+    def _too_short(self, stop: Stop) -> bool:
+        """Whether a stop that the arm has left was one."""
+        if stop.answered or len(stop.samples) < 2:
+            return False
+        lasted = stop.samples[-1].stamp - stop.began
+        if lasted >= self.still.window:
+            return True
+        return lasted >= self.still.settle and self.still.steady(stop.samples)
