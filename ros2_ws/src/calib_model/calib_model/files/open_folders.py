@@ -64,8 +64,8 @@ class Folders:
 
     def permit_all(self, paths: Sequence[str | Path]) -> None:
         """`permit` each path that is not empty."""
-        for path in paths:
-            if str(path):
+        for path in dict.fromkeys(map(str, paths)):
+            if path:
                 self.permit(path)
 
     def leads_to(self, path: str | Path) -> tuple[Path, Path]:
