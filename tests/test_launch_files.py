@@ -107,6 +107,10 @@ def test_capture_passes_to_every_node_what_it_knows_and_only_what_was_given(laun
     assert nodes['sim_arm']['parameters'] == [{'arm': 'my arm.yaml', 'time_scale': 1.0}]
     assert nodes['sim_probe']['parameters'] == [{'arm': 'my arm.yaml', 'seed': 4}]
     assert set(started(module, simulate='false')) == {'capture'}
+    named = started(module, controller='scaled_controller')
+    for name in ('capture', 'sim_arm'):
+        assert named[name]['parameters'][0]['controller'] == 'scaled_controller'
+    assert 'controller' not in named['sim_probe']['parameters'][0]
     shown = started(module, rviz='true')
     assert '<robot' in shown['robot_state_publisher']['parameters'][0]['robot_description']
     assert Path(shown['rviz2']['arguments'][1]).is_file()

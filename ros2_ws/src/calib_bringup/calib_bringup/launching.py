@@ -52,6 +52,7 @@ CAPTURE = (
     Argument('poses_per_sphere', 'postures around each sphere', '60'),
     Argument('placements', 'path of a YAML file: where the gauge stands', text=True),
     Argument('taught', 'path of a YAML file that keeps taught locations', text=True),
+    Argument('controller', "the arm's, by which the topic of its commands is named", text=True),
     Argument('resume', 'true: go on with the bag in output, or begin it'),
     Argument('serve', 'true: wait for goals on /capture/run and spheres on /capture/teach'),
 )

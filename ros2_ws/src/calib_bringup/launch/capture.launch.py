@@ -23,7 +23,8 @@ from calib_bringup.launching import (
 )
 from calib_bringup.showing import robot_description, rviz_layout
 
-OF_ARM, OF_PROBE = ('arm', 'time_scale'), ('arm', 'probe', 'gauge', 'placements', 'world', 'seed')
+OF_ARM = ('arm', 'controller', 'time_scale')
+OF_PROBE = ('arm', 'probe', 'gauge', 'placements', 'world', 'seed')
 
 
 def generate_launch_description() -> LaunchDescription:
