@@ -15,11 +15,12 @@ import numpy as np
 
 from calib_capture.motion.limits import MotionLimits
 from calib_capture.motion.trajectory import Trajectory
-from calib_model.arrays import Array
+from calib_model.arrays import Array, frozen
 
 DWELL_STEP = 0.05  # s: at rest, states this near let a probe be read between them
 MOTION_STEP = 5.0  # s: on the way, where nothing is measured
 REST = 1e-12  # rad
+SAME = 1e-6  # s: instants that need no point each
 TICK = 0.004  # s of a controller: a jump of velocity is an acceleration over one
 LOOKS = 9  # instants of each piece at which limits are looked at, ends included
 SMOOTHED = 1e-4  # rad, a jump of position that drives do not notice
@@ -101,6 +102,30 @@ class InterpolatedMotion:
         after = int(np.searchsorted(self.seconds[rests], seconds, side='right'))
         before = rests[max(after - 1, 0)]
         return self.positions[before], self.positions[rests[min(after, len(rests) - 1)]]
+
+    def turned_off(self, since: float, turn: float, stop: Trajectory) -> Trajectory:
+        """The way itself from its last point before `since` on, and from `turn` on a `stop`; its
+        time is that of the way."""
+        first = max(int(np.searchsorted(self.seconds, since, side='right')) - 1, 0)
+        kept = self.seconds[first:]
+        kept = np.append(kept[kept < turn - SAME], turn)
+        states = [self.at(float(seconds)) for seconds in kept]
+        positions, velocities, accelerations = (
+            np.array(each) for each in zip(*states, strict=True)
+        )
+        still = np.zeros_like(stop.positions)
+        return Trajectory(
+            frozen(np.append(kept, turn + stop.seconds)),
+            frozen(np.vstack([positions, stop.positions])),
+            frozen(np.vstack([velocities, still])),
+            frozen(np.vstack([accelerations, still])),
+        )
+
+    def to_next_rest(self, since: float, seconds: float) -> Trajectory:
+        """The way itself from its last point before `since` to the first rest after `seconds`."""
+        after = self._rests[self.seconds[self._rests] > seconds][0]
+        end = Trajectory(np.zeros(0), np.empty((0, self.positions.shape[1])))
+        return self.turned_off(since, float(self.seconds[after]), end)
 
     def first_fault(self, limits: MotionLimits, names: tuple[str, ...]) -> Fault | None:
         """The first limit that the way breaks, at its points and between them."""

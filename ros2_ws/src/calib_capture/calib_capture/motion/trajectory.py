@@ -22,12 +22,14 @@ class TrajectoryError(CalibrationError):
 @dataclass(frozen=True)
 class Trajectory:
     """Where the joints are to be: `positions` (K, n) in rad at `seconds` (K,) from the start, and
-    as far as they are given their `velocities` (K, n) in rad/s and `accelerations` (K, n)."""
+    as far as they are given their `velocities` (K, n) in rad/s and `accelerations` (K, n). The
+    start is when it is received or, if given, at a `stamp` (ns) of the arm's clock."""
 
     seconds: Array
     positions: Array
     velocities: Array | None = None
     accelerations: Array | None = None
+    stamp: int = 0
 
     @property
     def duration(self) -> float:

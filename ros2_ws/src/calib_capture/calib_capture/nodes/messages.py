@@ -40,7 +40,7 @@ def joint_state(
 
 
 def joint_trajectory(names: Sequence[str], trajectory: Trajectory) -> JointTrajectory:
-    """A trajectory that starts when it is received."""
+    """A trajectory that starts at its stamp, or when it is received."""
     fields = {'positions': trajectory.positions}
     if trajectory.velocities is not None:
         fields['velocities'] = trajectory.velocities
@@ -53,7 +53,8 @@ def joint_trajectory(names: Sequence[str], trajectory: Trajectory) -> JointTraje
         given = {key: array('d', rows[row].tobytes()) for key, rows in fields.items()}
         time = Duration(sec=int(whole), nanosec=int(rest))
         points.append(JointTrajectoryPoint(time_from_start=time, **given))
-    return JointTrajectory(joint_names=list(names), points=points)
+    header = Header(stamp=time_of(trajectory.stamp))
+    return JointTrajectory(header=header, joint_names=list(names), points=points)
 
 
 def points_of(

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,11 @@ from calib_capture.motion import (
 from calib_model.arrays import Array, frozen
 from calib_model.stamps import SECOND
 
+LEAD = 0.5  # s before a trajectory begins, where the arm shares our clock
+AHEAD = 0.2  # s before a stop turns off the way that was commanded with a stamp
+SHARED, LATE = 0.4, 1.0  # s that stamps may be off our clock when the first and any message comes
+TURNS = np.arange(0.0, 0.6, 0.04)  # s after AHEAD: where a stop may turn off
+HELD = 0.1  # s to stay where it is
 UNSURE = 0.06  # s, how late a stop may be taken, and how far drives may be behind
 LATEST = 1.5  # s, how far behind its command an arm is looked for
 LOOKS, CLOSER = 0.02, 0.002  # s between places where it is looked for, and then around the best
@@ -34,19 +40,30 @@ SURE = 0.3  # s of both times by which the pace is told
 
 
 class CommandedMotion:
-    """The arm's time is that of its stamps; between them it goes on as the wall's."""
+    """The arm's time is that of its stamps; between them it goes on as the wall's.
+
+    Where stamps are of our own clock a trajectory begins at a stamp, and what is commanded at any
+    instant is known: a stop says the same of what is left of the way, turns off it a little later,
+    and is within the limits whenever it comes until then. Else it is known only from where the
+    joints are, and a stop has to fit all states in which the arm may be.
+    """
 
     def __init__(self, limits: MotionLimits) -> None:
         self._limits = limits
         self._motion: InterpolatedMotion | None = None
         self._sent = (0.0, 0.0)  # when, s of the arm's time and of the wall's
+        self._begins = 0.0  # s of the arm's time
+        self._stamp, self._apart, self._newest_apart = 0, np.inf, np.inf
         self._seen = (0.0, 0.0)
         self._track: deque[tuple[float, float, Array]] = deque(maxlen=TRACK)
         self._asked: float | None = None
         self._rests_at = 0.0  # s of the arm's time, after a stop
 
-    def see(self, joints: Array, stamp: int, now: float) -> None:
-        """The joints (n,) at a stamp (ns) that has come `now` (s)."""
+    def see(self, joints: Array, stamp: int, now: float, wall: int = 0) -> None:
+        """The joints (n,) at a stamp (ns) that has come `now` (s), when our own clock said `wall`
+        (ns, 0: nobody knows)."""
+        self._newest_apart = abs(stamp - wall) / SECOND if wall else np.inf
+        self._apart = min(self._apart, self._newest_apart)
         self._seen = seconds, _ = stamp / SECOND, now
         if self._track and seconds < self._track[-1][0] - LONG:  # a clock was set back
             self._track.clear()
@@ -54,11 +71,15 @@ class CommandedMotion:
         if not self._track or seconds - self._track[-1][0] >= APART:
             self._track.append((seconds, now, joints))
 
-    def begin(self, trajectory: Trajectory, now: float) -> None:
-        """A trajectory is being sent, to an arm at rest where it begins."""
+    def begin(self, trajectory: Trajectory, now: float) -> Trajectory:
+        """The trajectory as it is to be sent, to an arm at rest where it begins."""
         self._motion = InterpolatedMotion(MotionState.resting(trajectory.positions[0]), trajectory)
         self._sent, self._asked = (self._arm_time(now, 1.0), now), None
+        shared = self._apart < SHARED and self._newest_apart < LATE
+        self._begins = self._sent[0] + (LEAD if shared else 0.0)
+        self._stamp, self._apart = round(self._begins * SECOND) if shared else 0, np.inf
         self._track.clear()
+        return replace(trajectory, stamp=self._stamp)
 
     def _arm_time(self, now: float, pace: float) -> float:
         """In real time by the states that came the fastest: others have waited on their way."""
@@ -73,8 +94,8 @@ class CommandedMotion:
         return 1.0 if REAL[0] < pace < REAL[1] else pace
 
     def elapsed(self, now: float) -> float:
-        """Seconds of the arm's time since the trajectory was sent."""
-        return self._arm_time(now, self._pace()) - self._sent[0]
+        """Seconds of the arm's time since the trajectory began."""
+        return self._arm_time(now, self._pace()) - self._begins
 
     def under_way(self, now: float) -> bool:
         """Whether a trajectory is not over yet."""
@@ -92,6 +113,8 @@ class CommandedMotion:
         motion = self._motion
         if motion is None or not self._track:
             return None
+        if self._stamp and self._keeps_stamps():
+            return self._turned_off(motion, self._arm_time(now, 1.0) - self._begins)
         self._asked = now if self._asked is None else self._asked
         elapsed, (least, most, behind) = self.elapsed(now), self._behind()
         late = UNSURE * self._pace()
@@ -106,6 +129,38 @@ class CommandedMotion:
             self._rests_at = self._arm_time(now, self._pace()) + found.duration + most + late
         return found
 
+    def _turned_off(self, motion: InterpolatedMotion, elapsed: float) -> Trajectory | None:
+        """The way as it was commanded, and a stop a little later; None where it ends before."""
+        since, turn = elapsed - AHEAD, elapsed + AHEAD
+        if turn >= motion.duration:
+            return None
+        if turn <= 0:  # it has not begun
+            found = motion.turned_off(turn, turn, _held(motion.positions[0]))
+        else:
+            found = motion.to_next_rest(since, turn)
+            for later in turn + TURNS[turn + TURNS < found.duration]:
+                if (off := stop(motion, later, later, self._limits)) is not None:
+                    found = motion.turned_off(since, later, off)
+                    break
+        self._motion, first = None, float(found.seconds[0])
+        self._rests_at = self._begins + found.duration + UNSURE
+        stamp = self._stamp + round(first * SECOND)
+        return replace(found, seconds=frozen(found.seconds - first), stamp=stamp)
+
+    def _keeps_stamps(self) -> bool:
+        """Whether the arm has not begun at once, as if no stamp had been given."""
+        stamps, joints = self._seen_since()
+        early, timely = (
+            self._off(lags, stamps, joints).min()
+            for lags in (np.arange(-LEAD, -LEAD / 2, LOOKS), np.arange(-LEAD / 4, LEAD, LOOKS))
+        )
+        return bool(timely <= early + ALIKE)
+
+    def _seen_since(self) -> tuple[Array, Array]:
+        """Instants (K,), s after the start, and joints (K, n) then."""
+        stamps = np.array([stamp for stamp, _, _ in self._track]) - self._begins
+        return stamps, np.array([joints for _, _, joints in self._track])
+
     def _behind(self) -> tuple[float, float, float]:
         """By how much (s), at least, at most and most likely, the joints are behind the command as
         it was sent.
@@ -113,10 +168,8 @@ class CommandedMotion:
         A controller takes a while to begin, drives take one to follow; of an arm that has not
         moved yet nobody knows.
         """
-        assert self._motion is not None
-        stamps = np.array([stamp for stamp, _, _ in self._track]) - self._sent[0]
-        joints = np.array([joints for _, _, joints in self._track])
-        lags = np.arange(0.0, LATEST, LOOKS)
+        stamps, joints = self._seen_since()
+        lags = np.arange(-LEAD if self._stamp else 0.0, LATEST, LOOKS)
         rms = self._off(lags, stamps, joints)
         around = rms <= rms.min() + max(ALIKE, 0.5 * float(rms.min()))
         around[max(int(np.argmin(rms)) - 1, 0) : int(np.argmin(rms)) + 2] = True
@@ -134,6 +187,11 @@ class CommandedMotion:
         off = np.abs(self._motion.positions_at(then) - joints).max(axis=-1)
         rms: Array = np.sqrt(np.mean(off**2, axis=1))
         return rms
+
+
+def _held(posture: Array) -> Trajectory:
+    """To stay in a posture (n,)."""
+    return Trajectory(frozen([HELD]), frozen(posture[None]))
 
 
 class StandingMean:

@@ -167,9 +167,7 @@ class MeasuringRun:
         self._goal = self._last.joints
         self._left = False
         self._sign_of_life = now
-        trajectory = leg.trajectory()
-        self.motion.begin(trajectory, now)
-        return trajectory
+        return self.motion.begin(leg.trajectory(), now)
 
     def _standing(self) -> Array:
         """Where the arm is commanded to be, or stands where nobody commanded it."""
@@ -256,12 +254,13 @@ class MeasuringRun:
         aside[-1] += -STEP_ASIDE if here[-1] > np.clip(0.0, lower, upper) else STEP_ASIDE
         return aside
 
-    def see(self, joints: Array, stamp: int, now: float) -> None:
-        """Take note of where the arm is at a stamp (ns); while it moves, answers can still come."""
+    def see(self, joints: Array, stamp: int, now: float, wall: int = 0) -> None:
+        """Take note of where the arm is at a stamp (ns), at `now` (s), as our own clock says `wall`
+        (ns, 0: nobody knows); while it moves, answers can still come."""
         if self._stands.see(joints, stamp):
             self._sign_of_life = now
             self._left = True
-        self.motion.see(joints, stamp, now)
+        self.motion.see(joints, stamp, now, wall)
         self._here = joints
 
     def take(self, outcome: Outcome, now: float) -> TakenPose | None:

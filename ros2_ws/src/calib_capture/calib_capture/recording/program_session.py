@@ -71,7 +71,7 @@ class ProgramSession:
         self._newest[0], self._fresh[0] = sample.stamp, self._clock()
         if self._estimate is not None:
             self._estimate.see_joints(sample)
-        self.run.see(sample.joints, sample.stamp, self._clock())
+        self.run.see(sample.joints, sample.stamp, self._clock(), self._wall())
         self._go_on(self.pairing.add_joints(sample))
 
     def take_reading(self, reading: Reading, raw: bytes) -> None:

@@ -53,7 +53,8 @@ def read_trajectory_cdr(data: bytes, names: Sequence[str]) -> Trajectory | None:
     if not all(each.all() for each in counts) or points['effort'].any():
         return None
     seconds = points['sec'] + points['nanosec'] / SECOND
-    return Trajectory(frozen(seconds), *(frozen(points[key]) for key in 'pva'))
+    p, v, a = (frozen(points[key]) for key in 'pva')
+    return Trajectory(frozen(seconds), p, v, a)
 
 
 def _before_points(names: Sequence[str]) -> bytes:
