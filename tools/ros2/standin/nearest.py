@@ -4,7 +4,7 @@
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-MOST = 8
+MOST = 12
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
