@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 import json
+import re
 import resource
 import shutil
-import re
 import subprocess
 from dataclasses import replace
 from pathlib import Path
