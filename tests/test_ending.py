@@ -74,6 +74,21 @@ def test_a_signal_ends_it_at_any_moment_with_the_documented_code(name, tmp_path)
                 (tmp_path / 'out').rmdir()
 
 
+def test_a_signal_when_the_work_is_done_changes_no_exit_code(tmp_path):
+    """Python gives the signals back before it has taken its modules down."""
+    for after in (0.01, 0.03):  # s after the last line
+        out = tmp_path / f'after_{after}'
+        words = [str(STANDIN), 'run', *map(str, STARTED['recover'][0][:-1]), str(out)]
+        with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
+            assert process.stdout is not None
+            assert any(b'missing: nothing' in line for line in process.stdout)
+            time.sleep(after)
+            process.send_signal(signal.SIGTERM)
+            process.wait(PATIENCE)
+        # what is told while the line is printed interrupts
+        assert process.returncode in (0, 130), after
+
+
 def test_every_command_and_node_minds_signals_before_it_loads_anything():
     """Each is loaded through the folder whose file begins with that."""
     for entry in metadata.entry_points(group='console_scripts'):

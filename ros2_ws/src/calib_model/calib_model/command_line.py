@@ -118,8 +118,8 @@ def run_command(work: Callable[[], int | None]) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     finally:
-        if begun():  # what is left is the interpreter's end
-            handle(lambda *_: None)
+        if begun():  # what is left is the interpreter's end, which undoes handlers but not this
+            handle(signal.SIG_IGN)
 
 
 def _done(work: Callable[[], int | None]) -> int:

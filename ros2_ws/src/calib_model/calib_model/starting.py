@@ -59,7 +59,7 @@ def program() -> str:
     return _module().rpartition('.')[2] or os.path.basename(sys.argv[0])
 
 
-def handle(handler: Callable[[int, FrameType | None], None]) -> None:
+def handle(handler: Callable[[int, FrameType | None], None] | signal.Handlers) -> None:
     """Let `handler` have those of the signals that nobody chose to ignore."""
     for number in ENDING:
         if signal.getsignal(number) is not signal.SIG_IGN:
