@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -85,15 +86,28 @@ def parameters(calibration: Calibration) -> list[float | None]:
     return [one['identified'] for one in calibration.record['parameters']]
 
 
+def as_captured(expected: Any) -> Any:
+    """What equals a result from our bag's own poses; what is no float as it is.
+
+    That capture interpolated between two equal joint states, which rounds; they are averaged now.
+    """
+    if isinstance(expected, float):
+        return pytest.approx(expected, rel=1e-10, abs=1e-14)
+    if isinstance(expected, list):
+        return [as_captured(each) for each in expected]
+    if isinstance(expected, dict):
+        return {name: as_captured(value) for name, value in expected.items()}
+    return expected
+
+
 @pytest.mark.slow
-def test_the_raw_streams_are_identified_exactly_as_our_own_capture(
+def test_the_raw_streams_are_identified_as_our_own_capture(
     stream: list[BagMessage], ours: Calibration, described: list[str], tmp_path: Path
 ) -> None:
     """Two topics, shuffled names, eight joints of which six are the arm's, zstd chunks."""
     theirs = run([str(rewritten(tmp_path / 'bag', stream)), *described])
-    assert theirs.record['parameters'] == ours.record['parameters']
-    assert theirs.record['quality'] == ours.record['quality']
-    assert theirs.record['spheres'] == ours.record['spheres']
+    for part in ('parameters', 'quality', 'spheres'):
+        assert theirs.record[part] == as_captured(ours.record[part])
     said = '\n'.join(theirs.notes)
     assert f'{len(read_measurement(OURS).poses)} poses of an arm that stops for each' in said
     assert '7 locations of the gauge with 28 spheres told apart' in said
@@ -124,7 +138,7 @@ def test_other_topics_storage_and_names_come_to_the_same(
     with pytest.raises(BagError, match=f'on {topics[1]}: say which with --displacements'):
         run([str(path), '--joint-states', topics[0], *described])
     theirs = run([*words, '--joints', *axes, '--spheres', '1', '6', '10', '14', *described])
-    assert parameters(theirs) == parameters(ours)
+    assert parameters(theirs) == as_captured(parameters(ours))
 
 
 @pytest.mark.slow
@@ -140,8 +154,8 @@ def test_bags_of_three_days_are_one_calibration(
         bags.append(str(rewritten(tmp_path / f'day_{number}', part)))
         begin = end + 200_000_000
     theirs = run([*bags, *described])
-    assert theirs.record['spheres'] == ours.record['spheres']
-    assert parameters(theirs) == parameters(ours)
+    assert theirs.record['spheres'] == as_captured(ours.record['spheres'])
+    assert parameters(theirs) == as_captured(parameters(ours))
 
 
 def stamp_of(message: BagMessage) -> int:
@@ -189,5 +203,4 @@ def test_poses_are_left_alone_unless_raw_is_said(ours: Calibration, tmp_path: Pa
     assert ours.notes == ()
     anew = calibrate(replace(Sources((str(OURS),)), anew=True), Options())
     assert anew.notes
-    # the joints of a stop are averaged now: that rounds in another way than a single state did
-    assert parameters(anew) == pytest.approx(parameters(ours), rel=1e-10, abs=1e-14)
+    assert parameters(anew) == as_captured(parameters(ours))
