@@ -48,7 +48,9 @@ class Graph:
         return self._children.start(child)
 
     def arm(self, name: str = 'arm', *more: str, scale: float = 5.0, **described: object) -> Child:
-        return self.start(name, ARM, *more, time_scale=scale, **described)
+        # encoders too tell the truth: their steps and noise alone would be more than RIGHT
+        given = {'time_scale': scale, 'noise': 0.0, 'step': 0.0, **described}
+        return self.start(name, ARM, *more, **given)
 
     def probe(self, name: str = 'probe', *more: str, **described: object) -> Child:
         return self.start(name, PROBE, *more, world=self.world, **described)

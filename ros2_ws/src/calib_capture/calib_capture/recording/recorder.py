@@ -36,6 +36,7 @@ class Recorder:
         earlier: Sequence[FileAccount] = (),
     ) -> None:
         self._announce = announce
+        self._closed = False
         self._unsaved: list[bytes] = []
         self.path = Path(path)
         self._lock = FolderLock(self.path)
@@ -54,8 +55,12 @@ class Recorder:
             raise
 
     def raw(self, topic: Topic, data: bytes, time: int) -> None:
-        """Record a message as it came, CDR bytes with their header, received at `time` (ns)."""
-        self._bag.write(topic, data, time, time)
+        """Record a message as it came, CDR bytes with their header, received at `time` (ns).
+
+        Nothing after `close`: streams go on while the arm is brought to rest.
+        """
+        if not self._closed:
+            self._bag.write(topic, data, time, time)
 
     def note(self, name: str, content: dict[str, str]) -> None:
         """Record what is no message: how it was paired, what was found out."""
@@ -73,7 +78,7 @@ class Recorder:
 
     def commit(self) -> None:
         """Put the poses so far on disk, then announce them."""
-        if not self._unsaved:
+        if not self._unsaved or self._closed:
             return
         self._bag.flush()
         saved, self._unsaved = self._unsaved, []
@@ -85,6 +90,7 @@ class Recorder:
         try:
             self.commit()
         finally:
+            self._closed = True
             self._bag.close()
             self._lock.release()
 

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -187,7 +188,7 @@ def test_what_it_tells_of_itself_is_nominal_whatever_the_truth(files, listener, 
     with running({**files, 'seed': 77}):
         listener.wait_for(lambda: len(listener.texts) == 2)
     assert listener.texts == {
-        PROBE_DESCRIPTION.name: probe_yaml(scene.probe),
+        PROBE_DESCRIPTION.name: probe_yaml(replace(scene.probe, simulated=True)),
         GAUGE_DESCRIPTION.name: gauge_yaml(scene.gauge),
     }
 
