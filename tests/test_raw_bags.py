@@ -89,7 +89,8 @@ def parameters(calibration: Calibration) -> list[float | None]:
 def as_captured(expected: Any) -> Any:
     """What equals a result from our bag's own poses; what is no float as it is.
 
-    That capture interpolated between two equal joint states, which rounds; they are averaged now.
+    That capture interpolated between two joint states; those of a stop are averaged now, which
+    rounds in another way.
     """
     if isinstance(expected, float):
         return pytest.approx(expected, rel=1e-10, abs=1e-14)

@@ -302,7 +302,7 @@ def test_a_bag_of_raw_topics_is_identified_like_one_with_poses(ask):
     assert answer.success, answer.message
     words = [bag, '--raw', '--spheres', '1', '6', '10', '14']
     same(answer.identified, run(words).record['quality']['identified'])
-    # the bag's own poses were interpolated, which rounds; from raw topics they are averaged
+    # the bag's own poses were interpolated, those from raw topics are averaged: it rounds otherwise
     expected = run([bag]).record['quality']['identified']['phi']
     assert answer.identified.phi == pytest.approx(expected, rel=1e-10)
     assert answer.notes[-1] == 'spheres 1 6 10 14, by their distances'
