@@ -6,7 +6,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -33,7 +33,7 @@ from calib_capture.nodes.trajectory_action import serve_goals
 from calib_capture.recording import read_trajectory_cdr
 from calib_model.arrays import Array
 from calib_model.command_line import run_command
-from calib_model.descriptions import SIMULATED, arm_yaml, parse_arm, standing_yaml
+from calib_model.descriptions import SIMULATED, Standing, arm_yaml, parse_arm, standing_yaml
 from calib_model.instruments import Arm
 from calib_model.nodes import NodeCommand, Parameters, lean_executor, qos_of, run_node, stamp_of
 from calib_model.stamps import SECOND
@@ -62,6 +62,7 @@ STEPPED_IDLE = 0.05  # s: in stepped simulation an arm at rest lives in real tim
 STEPPED_BURST = 40  # states published at once: less than half of what a subscriber keeps
 STEPPED_PAUSE = 0.025  # s between bursts of one motion: what subscribers in Python keep up with
 ACCELERATION, JERK = 10.0, 100.0  # rad/s^2, rad/s^3: what a small industrial arm can do
+SETTLED, READ = 6, 3  # states: for the last of a motion to be over, and to see that it is
 NOISE, STEP = 5e-7, 2 * np.pi / 2**21  # rad: an encoder of 21 bits
 CONTROLLER_TEXT = 'name of the controller: topic and action of the commands are named by it'
 STEPPED_PATIENCE = 0.2  # s before an arm counts as at rest, not as waiting for the next goal
@@ -181,9 +182,18 @@ class ArmNode(Node):
 
     def _publish_descriptions(self) -> None:
         self._latched = [
-            self._latch(ARM_DESCRIPTION, arm_yaml(self._arm) + standing_yaml(SIMULATED)),
+            self._latch(ARM_DESCRIPTION, arm_yaml(self._arm) + standing_yaml(self._standing())),
             self._latch(ROBOT_DESCRIPTION, arm_urdf(self._arm)),
         ]
+
+    def _standing(self) -> Standing:
+        """What suits this arm: states that come seldom tell late that it has come to rest."""
+        apart = self._scale / self._rate
+        return replace(
+            SIMULATED,
+            settle=max(SIMULATED.settle, SETTLED * apart),
+            dwell=max(SIMULATED.dwell, READ * apart),
+        )
 
     def _latch(self, topic: Topic, text: str) -> Publisher:
         publisher = self.create_publisher(String, topic.relative, qos_of(topic))

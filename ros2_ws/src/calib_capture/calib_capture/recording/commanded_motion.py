@@ -25,6 +25,7 @@ LEAD = 0.5  # s before a trajectory begins, where the arm shares our clock
 AHEAD = 0.2  # s before a stop turns off the way that was commanded with a stamp
 SHARED, LATE = 0.4, 1.0  # s that stamps may be off our clock when the first and any message comes
 TURNS = np.arange(0.0, 0.6, 0.04)  # s after AHEAD: where a stop may turn off
+ARRIVED = 1e-4  # rad from the end, where it has come to rest
 HELD = 0.1  # s to stay where it is
 UNSURE = 0.06  # s, how late a stop may be taken, and how far drives may be behind
 LATEST = 1.5  # s, how far behind its command an arm is looked for
@@ -100,7 +101,20 @@ class CommandedMotion:
     def under_way(self, now: float) -> bool:
         """Whether a trajectory is not over yet."""
         motion = self._motion
-        return motion is not None and self.elapsed(now) < motion.duration + UNSURE * self._pace()
+        if motion is None or self._there(motion):
+            return False
+        return self.elapsed(now) < motion.duration + UNSURE * self._pace()
+
+    def _there(self, motion: InterpolatedMotion) -> bool:
+        """Whether the arm has been seen at the end, when it was to be there: a simulation may be
+        far ahead of the wall's time."""
+        if not self._track or self._seen[0] < self._begins + motion.duration:
+            return False
+        return bool(np.abs(self._track[-1][2] - motion.positions[-1]).max() < ARRIVED)
+
+    def forget(self) -> None:
+        """Nothing is commanded any more: the arm has been started anew."""
+        self._motion = None
 
     @property
     def stopped(self) -> bool:

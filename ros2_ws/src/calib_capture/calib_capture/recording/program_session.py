@@ -82,10 +82,12 @@ class ProgramSession:
             self._estimate.see_reading(reading)
         self._go_on(self.pairing.add_reading(reading))
 
-    def start_over(self, _: Topic) -> None:
+    def start_over(self, topic: Topic) -> None:
         """A message has come that may be of another arm or probe than the bag's: it is left out of
         the bag, too, so that nobody pairs it later."""
         self.unsure += 1
+        if topic == JOINT_STATES:  # what it was to do died with it
+            self.run.motion.forget()
         self.pairing.start_over()
         self.run.excuse()
 

@@ -199,10 +199,12 @@ class Pairing:
         return SteadyPose(stamp, joints, frozen(mean), count)
 
     def _joints_at(self, stamp: int, samples: Sequence[JointSample]) -> Array:
-        """The joints (n,) of a stop at a stamp: averaged, where they do not move."""
-        line = Line.through(self._stops.still.dwelling(samples))
-        if (np.abs(line.slope) * self.settings.dwell).max() <= DRIFT:
-            return line.at(stamp)
+        """The joints (n,) of a stop at a stamp: averaged, where many states show no motion."""
+        dwelling = self._stops.still.dwelling(samples)
+        if len(dwelling) >= MANY:  # of few the last of the motion would be too large a part
+            line = Line.through(dwelling)
+            if (np.abs(line.slope) * self.settings.dwell).max() <= DRIFT:
+                return line.at(stamp)
         after = max(1, bisect_left(samples, stamp, key=_stamp))
         around = samples[after - 1 : after + 1]
         stamps = np.array([sample.stamp for sample in around])
