@@ -91,7 +91,7 @@ class CommandedMotion:
 
     def _pace(self) -> float:
         arm, wall = (seen - sent for seen, sent in zip(self._seen, self._sent, strict=True))
-        pace = float(np.clip(arm / wall, *PACES)) if min(arm, wall) > SURE else 1.0
+        pace = float(np.clip(arm / max(wall, LOOKS), *PACES)) if max(arm, wall) > SURE else 1.0
         return 1.0 if REAL[0] < pace < REAL[1] else pace
 
     def elapsed(self, now: float) -> float:
@@ -127,20 +127,21 @@ class CommandedMotion:
         motion = self._motion
         if motion is None or not self._track:
             return None
+        if self._pace() != 1.0:  # a simulation, far from where it was seen: it rests by itself
+            return None
         if self._stamp and self._keeps_stamps():
             return self._turned_off(motion, self._arm_time(now, 1.0) - self._begins)
         self._asked = now if self._asked is None else self._asked
         elapsed, (least, most, behind) = self.elapsed(now), self._behind()
-        late = UNSURE * self._pace()
-        found = stop(motion, elapsed - most, elapsed - least + late, self._limits)
+        found = stop(motion, elapsed - most, elapsed - least + UNSURE, self._limits)
         if found is None and now - self._asked > PATIENCE:
-            likely = elapsed - behind + late / 2
+            likely = elapsed - behind + UNSURE / 2
             found = stop(motion, likely, likely, self._limits)
             if found is None and now - self._asked > HASTE:
                 found = gentlest(motion, likely, self._limits)
         if found is not None:
             self._motion = None
-            self._rests_at = self._arm_time(now, self._pace()) + found.duration + most + late
+            self._rests_at = self._arm_time(now, 1.0) + found.duration + most + UNSURE
         return found
 
     def _turned_off(self, motion: InterpolatedMotion, elapsed: float) -> Trajectory | None:
