@@ -9,7 +9,6 @@ from pathlib import Path
 from calib_capture.commands.pose_table import read_table
 from calib_model import bags, descriptions, files
 from calib_model.command_line import CommandParser, run_command
-from calib_model.errors import BagError
 from calib_model.measurement import Measurement, group_by_sphere
 from calib_model.progress import Progress
 
@@ -43,11 +42,8 @@ def import_csv(
     gauge = descriptions.read_description(gauge_file, descriptions.parse_gauge)
     poses = read_table(table, arm, probe, gauge)
     measured = Measurement(arm, probe, gauge, poses, str(table)).checked()
-    try:
-        with files.made_whole(out) as part:
-            bags.write_measurement(part, measured, Progress(sys.stderr))
-    except OSError as error:
-        raise BagError(f'{out}: cannot be written: {error.strerror}') from error
+    with files.made_whole(out) as part:
+        bags.write_measurement(part, measured, Progress(sys.stderr))
     return measured
 
 

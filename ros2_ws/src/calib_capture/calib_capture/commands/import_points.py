@@ -9,7 +9,6 @@ from pathlib import Path
 from calib_capture.commands.point_table import ANGLES, LENGTHS, Units, read_point_table
 from calib_model import bags, descriptions, files
 from calib_model.command_line import CommandParser, run_command
-from calib_model.errors import BagError
 from calib_model.measured_points import PointMeasurement
 from calib_model.progress import Progress
 
@@ -42,11 +41,8 @@ def import_points(table: Path, out: Path, arm_file: Path, units: Units) -> Point
     arm = descriptions.read_description(arm_file, descriptions.parse_arm)
     points = read_point_table(table, arm, units)
     measured = PointMeasurement(arm, points, str(table)).checked()
-    try:
-        with files.made_whole(out) as part:
-            bags.write_points(part, measured, Progress(sys.stderr))
-    except OSError as error:
-        raise BagError(f'{out}: cannot be written: {error.strerror}') from error
+    with files.made_whole(out) as part:
+        bags.write_points(part, measured, Progress(sys.stderr))
     return measured
 
 

@@ -26,7 +26,6 @@ from calib_model.bags import (
 from calib_model.bounds import PAIRING
 from calib_model.command_line import CommandParser, UsageError, number_from, run_command
 from calib_model.descriptions import parse_placements, read_description
-from calib_model.errors import BagError
 from calib_model.files import made_whole, refuse_taken
 from calib_model.measurement import Measurement
 from calib_model.pairing import (
@@ -113,11 +112,8 @@ def _refuse_existing(out: Path) -> None:
 def _write(raw: Path, out: Path, measured: Measurement) -> None:
     warm = read_temperature(raw)
     notes = {TEMPERATURE_NOTE: warm.content()} if warm is not None else {}
-    try:
-        with made_whole(out) as part:
-            write_measurement(part, measured, Progress(sys.stderr), notes)
-    except OSError as error:
-        raise BagError(f'{out}: cannot be written: {error.strerror}') from error
+    with made_whole(out) as part:
+        write_measurement(part, measured, Progress(sys.stderr), notes)
 
 
 def main() -> int:

@@ -109,17 +109,14 @@ def recover(bad: str | Path, out: str | Path, progress: Progress | None = None) 
     bad, out = Path(bad), Path(out)
     refuse_taken(out)
     files, found = _files_of(bad), Recovery()
-    try:
-        with made_whole(out) as part:
-            with BagWriter(part, chunk_size=1 << 20) as bag:
-                for file in files:
-                    pace = Pace(progress, f'copying {file}', 'MB', 1e6)
-                    (_copy_sqlite if is_sqlite(file) else _copy)(file, bag, found, pace)
-                    pace.end()
-            if not found.messages:
-                raise BagError(f'{bad}: no complete chunk in it, nothing can be recovered')
-    except OSError as error:
-        raise BagError(f'{out}: cannot be written: {error.strerror}') from error
+    with made_whole(out) as part:
+        with BagWriter(part, chunk_size=1 << 20) as bag:
+            for file in files:
+                pace = Pace(progress, f'copying {file}', 'MB', 1e6)
+                (_copy_sqlite if is_sqlite(file) else _copy)(file, bag, found, pace)
+                pace.end()
+        if not found.messages:
+            raise BagError(f'{bad}: no complete chunk in it, nothing can be recovered')
     return found
 
 

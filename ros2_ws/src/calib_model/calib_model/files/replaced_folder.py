@@ -15,6 +15,7 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from calib_model.errors import BagError
 from calib_model.files.folder_lock import FolderLock
 from calib_model.files.held_folder import HeldFolder, is_there, part_name, whole_name
 from calib_model.files.open_folders import NotPermittedError, refuse_too_long
@@ -28,16 +29,19 @@ def made_whole(path: str | Path) -> Iterator[Path]:
     must not be there. What one that was killed left is removed.
 
     Raises:
-        OSError: it cannot be made there.
+        BagError: it, or something in it, cannot be written.
     """
     path = Path(path)
-    with (
-        HeldFolder(path.parent, make=True) as above,
-        working_folder(above, path.name) as part,
-    ):
-        place = part.path / path.name
-        yield place
-        place.rename(path)
+    try:
+        with (
+            HeldFolder(path.parent, make=True) as above,
+            working_folder(above, path.name) as part,
+        ):
+            place = part.path / path.name
+            yield place
+            place.rename(path)
+    except OSError as error:
+        raise BagError(f'{path}: cannot be written: {error.strerror}') from error
 
 
 @contextmanager

@@ -12,7 +12,6 @@ from pathlib import Path
 
 from calib_model import bags, files
 from calib_model.command_line import CommandParser, UsageError, run_command
-from calib_model.errors import BagError
 from calib_model.measurement import Measurement, group_by_sphere
 from calib_model.progress import Progress
 from selfcenter_probe import operator
@@ -148,16 +147,13 @@ def write(out: Path, measured: Measurement, hand: operator.HandGuided | None) ->
     Raises:
         BagError: there is something at `out` already, or it cannot be written.
     """
-    try:
-        with files.made_whole(out) as part:
-            if hand is None:
-                bags.write_measurement(part, measured)
-            else:
-                told = _Told('seatings')
-                operator.write_raw(part, measured, hand, told)
-                told.end()
-    except OSError as error:
-        raise BagError(f'{out}: cannot be written: {error.strerror}') from error
+    with files.made_whole(out) as part:
+        if hand is None:
+            bags.write_measurement(part, measured)
+        else:
+            told = _Told('seatings')
+            operator.write_raw(part, measured, hand, told)
+            told.end()
 
 
 def main() -> int:
