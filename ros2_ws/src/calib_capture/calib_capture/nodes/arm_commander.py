@@ -89,8 +89,6 @@ class ArmCommander:
         """Pass on a command, while it is ours to do so."""
         if self._action is not None and self._action.ready:
             self._action.send(joint_trajectory(names, trajectory))
-        elif self._publisher is not None and trajectory.stamp:
-            self._publisher.publish(joint_trajectory(names, trajectory))
         elif self._publisher is not None:
             self._publisher.publish(trajectory_cdr(names, trajectory))
 

@@ -20,11 +20,11 @@ HEAD = b'\x00\x01\x00\x00'  # little endian, plain CDR
 
 
 def trajectory_cdr(names: Sequence[str], trajectory: Trajectory) -> bytes:
-    """The message of a trajectory with velocities and accelerations; it starts when received."""
+    """The message of a trajectory with velocities and accelerations, and its stamp if any."""
     v, a = trajectory.velocities, trajectory.accelerations
     assert v is not None and a is not None
     count, n = trajectory.positions.shape
-    body = _before_points(names) + struct.pack('<I', count)
+    body = _before_points(names, trajectory.stamp) + struct.pack('<I', count)
     points = np.zeros(count, dtype=_point(n))
     stamps = np.round(trajectory.seconds * SECOND).astype(np.int64)
     points['counts_p'] = points['counts_v'] = points['counts_a'] = n
@@ -37,7 +37,8 @@ def trajectory_cdr(names: Sequence[str], trajectory: Trajectory) -> bytes:
 
 
 def read_trajectory_cdr(data: bytes, names: Sequence[str]) -> Trajectory | None:
-    """The trajectory of a message as `trajectory_cdr` writes it, None of any other message."""
+    """The trajectory of a message as `trajectory_cdr` writes it, None of any other message, as
+    of one with a stamp."""
     before = HEAD + _before_points(names)
     if not data.startswith(before) or len(data) < len(before) + 4:
         return None
@@ -57,9 +58,9 @@ def read_trajectory_cdr(data: bytes, names: Sequence[str]) -> Trajectory | None:
     return Trajectory(frozen(seconds), p, v, a)
 
 
-def _before_points(names: Sequence[str]) -> bytes:
-    """A header that says nothing, and the joints' names."""
-    body = struct.pack('<iI', 0, 0) + _string('')
+def _before_points(names: Sequence[str], stamp: int = 0) -> bytes:
+    """A header that says nothing but the stamp (ns), and the joints' names."""
+    body = struct.pack('<iI', *divmod(stamp, SECOND)) + _string('')
     body += bytes(-len(body) % 4) + struct.pack('<I', len(names))
     for name in names:
         body += bytes(-len(body) % 4) + _string(name)
