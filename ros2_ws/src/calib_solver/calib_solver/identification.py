@@ -158,8 +158,7 @@ class Identification:
     @property
     def model(self) -> Correction | None:
         """The joint errors identified together with `arm` and `probe`: part of the fit."""
-        errors = self.table.joint_errors(self.full)
-        return Correction(self.arm.joint_names, errors) if errors is not None else None
+        return Correction.identified(self.arm.joint_names, self.table.joint_errors(self.full))
 
     @property
     def correction(self) -> Correction | None:
@@ -249,8 +248,7 @@ def _judged(prepared: Prepared, solved: _Solved) -> Identification:
         # what was left out was missed by more than was stated: so will be what was never probed
         grown = uncertainty.covariance * left_out.factor**2
         uncertainty = replace(uncertainty, covariance=grown)
-    errors = table.joint_errors(full)
-    model = Correction(arm.joint_names, errors) if errors is not None else None
+    model = Correction.identified(arm.joint_names, table.joint_errors(full))
     return Identification(
         problem=problem,
         options=options,

@@ -147,17 +147,24 @@ def judge_left_out(
     )
 
 
+def missed(left_out: LeftOut, part: str) -> str:
+    """By how much the parts left out were missed, beside what was stated."""
+    position = left_out.position
+    return (
+        f'{part} left out are missed by {position.rms * 1e3:.4f} mm where '
+        f'{position.stated * 1e3:.4f} mm was stated (rms)'
+    )
+
+
 def left_out_warnings(left_out: LeftOut | None, named: bool) -> tuple[str, ...]:
     """A line where what was left out was missed by more than was stated, and nothing was `named`
     that it may come from."""
     if left_out is None or left_out.factor == 1 or named:
         return ()
-    position = left_out.position
     part = 'locations' if left_out.by == 'location' else 'postures'
     return (
-        f'{part} left out are missed by {position.rms * 1e3:.4f} mm where '
-        f'{position.stated * 1e3:.4f} mm was stated (rms): something is wrong that is not named '
-        'here, or the arm has errors beyond its parameters (joints that bend, encoders, backlash); '
+        f'{missed(left_out, part)}: something is wrong that is not named here, or the arm has '
+        'errors beyond its parameters (joints that bend, encoders, backlash); '
         f'stated uncertainties are enlarged {left_out.factor:.2g} times for it, which may not '
         'cover postures far from those probed',
     )

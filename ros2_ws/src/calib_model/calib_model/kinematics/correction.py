@@ -68,6 +68,11 @@ class Correction:
     shift: Shift | None = None
     attitude: Attitude | None = None
 
+    @classmethod
+    def identified(cls, names: tuple[str, ...], errors: JointErrors | None) -> Correction | None:
+        """Of joint errors identified together with the parameters; None without any."""
+        return cls(names, errors) if errors is not None else None
+
     def checked(self, arm: Arm) -> Correction:
         """Itself, when it is one for `arm`.
 

@@ -11,7 +11,6 @@ from calib_model.descriptions import read_description
 from calib_model.errors import CalibrationError
 from calib_model.files import (
     RESULT_FILES,
-    file_content,
     file_hashes,
     is_there,
     refuse_mixture,
@@ -19,7 +18,7 @@ from calib_model.files import (
 )
 from calib_solver import report
 from calib_solver.acceptance.paper import PAPERS, as_pdf
-from calib_solver.results import Info, parse_info
+from calib_solver.results import Info, needed_content, parse_info
 
 PDF, RECORD = 'report.pdf', 'result.json'
 
@@ -43,7 +42,7 @@ def report_anew(
     if pdf:
         texts[PDF] = as_pdf(page, paper)
     kept = (name for name in RESULT_FILES if name != PDF and is_there(path / name))
-    contents = {name: _content(path / name) for name in kept}
+    contents = {name: needed_content(path / name) for name in kept}
     contents |= texts
     del contents[RECORD]
     record['files'] = file_hashes(contents)
@@ -55,20 +54,9 @@ def report_anew(
     return [path / name for name in texts]
 
 
-def _content(path: Path) -> bytes:
-    try:
-        return file_content(path)
-    except FileNotFoundError as error:
-        raise CalibrationError(
-            f'{path}: there is none: the result is of a version without it, identify it anew'
-        ) from error
-    except OSError as error:
-        raise CalibrationError(f'{path}: cannot be read: {error.strerror}') from error
-
-
 def _read(path: Path) -> dict[str, Any]:
     try:
-        found = json.loads(_content(path).decode('utf-8'))
+        found = json.loads(needed_content(path).decode('utf-8'))
     except (ValueError, RecursionError) as error:
         raise CalibrationError(f'{path}: not what identify writes: {error}') from error
     if not isinstance(found, dict):

@@ -29,6 +29,9 @@ GROUPS = (
     ('position error, rms', 'position', 'rms'),
 )
 
+#: a chart's name and its title
+POSITION, DISTANCE = ('position', 'Position errors'), ('distance', 'Distance errors')
+
 
 def write_verification(found: Verification | PointVerification, folder: str) -> Path:
     """Write `verification.html` to a folder.
@@ -96,15 +99,12 @@ def _verification_charts(found: Verification) -> list[Chart]:
     of_pose = np.repeat(np.arange(len(keys)), problem.counts)
     names = _pose_names(found, of_pose)
     charts = [
-        Chart(
-            'position',
-            'Position errors',
+        _errors_chart(
+            POSITION,
             'Distance of each pose to the certificate as placed, by location.',
             'location, each with its poses',
-            'mm',
             _before_and_after(found.nominal.position, found.quality.position, names),
-            logarithmic=True,
-            bands=_bands(keys[of_pose, 0]),
+            keys[of_pose, 0],
         )
     ]
     if len(problem.pairs):
@@ -112,15 +112,12 @@ def _verification_charts(found: Verification) -> list[Chart]:
             f'location {keys[a, 0]}, B{keys[a, 1]} to B{keys[b, 1]}' for a, b in problem.pairs
         )
         charts.append(
-            Chart(
-                'distance',
-                'Distance errors',
+            _errors_chart(
+                DISTANCE,
                 'Of each pair of spheres, by location.',
                 'location, each with its pairs of spheres',
-                'mm',
                 _before_and_after(found.nominal.distance, found.quality.distance, pairs),
-                logarithmic=True,
-                bands=_bands(keys[problem.pairs[:, 0], 0]),
+                keys[problem.pairs[:, 0], 0],
             )
         )
     return charts
@@ -134,16 +131,21 @@ def _point_chart(found: PointVerification) -> Chart:
             problem.order, problem.target, problem.station, strict=True
         )
     )
-    return Chart(
-        'position',
-        'Position errors',
+    return _errors_chart(
+        POSITION,
         'Distance of each measured point to where it is predicted, by station.',
         'station, each with its points',
-        'mm',
         _before_and_after(found.nominal.distance, found.quality.distance, names),
-        logarithmic=True,
-        bands=_bands(np.array(problem.stations)[problem.station]),
+        np.array(problem.stations)[problem.station],
     )
+
+
+def _errors_chart(
+    of: tuple[str, str], about: str, axis: str, series: tuple[Series, ...], where: Array
+) -> Chart:
+    """Errors one beside the next, in bands of where (N,) they were found."""
+    name, title = of
+    return Chart(name, title, about, axis, 'mm', series, logarithmic=True, bands=_bands(where))
 
 
 def _before_and_after(

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,13 @@ from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification, identify
 from calib_solver.problem import threads
 from calib_solver.quality import Quality
-from calib_solver.results import Record, refuse_no_place, result_record, write_results
+from calib_solver.results import (
+    Corrected,
+    Record,
+    refuse_no_place,
+    result_record,
+    write_results,
+)
 
 ROUNDS = 3  # identifications at most until the numbers of a raw bag's spheres stay the same
 
@@ -51,9 +58,7 @@ class Calibration:
     @property
     def verdict(self) -> str:
         """How it went, in one line."""
-        fit = self.done.fit
-        outcome = 'converged' if fit.converged else 'NOT CONVERGED'
-        return f'{outcome} after {fit.iterations} iterations: {fit.reason}'
+        return self.done.fit.verdict
 
 
 @dataclass(frozen=True)
@@ -87,7 +92,7 @@ def calibrate(
     effort = effort or Effort()
     if output:
         refuse_no_place(output)
-    own = _own_urdf(urdf, output)
+    own = own_urdf(urdf, output)
     unseen = load_all(replace(sources, bags=tuple(test)), effort.reading) if test else None
     loaded = load_all(sources, effort.reading)
     if urdf:
@@ -109,25 +114,46 @@ def calibrate(
         held_out = HeldOut.by(unseen.measured, done)
         notes = (*notes, *unseen.lines)
     record = result_record(done, held_out, resampled)
-    written: list[Path] = []
     more: dict[str, bytes] = {}
     if urdf:
         more['robot.urdf'] = compensation.corrected_urdf(own, loaded.measured.arm, done.arm, urdf)
+    written: tuple[Path, ...] = ()
     if output:
-        evidence = report.evidence_of(done, _inputs(sources, test), held_out)
-        more[report.EVIDENCE] = report.evidence_text(evidence).encode()
-        page = report.report_html(record, evidence)
-        written = write_results(output, done, record, page, more)
-    return Calibration(done, held_out, record, tuple(written), notes)
+        evidence = report.evidence_of(done, inputs(sources, test), held_out)
+        written = write_reported(output, done, record, evidence, more)
+    return Calibration(done, held_out, record, written, notes)
 
 
-def _own_urdf(urdf: str, output: str) -> bytes:
+def own_urdf(urdf: str, output: str) -> bytes:
+    """The user's own URDF, empty without one.
+
+    Raises:
+        DataError: there is no folder for the corrected one.
+        CalibrationError: it cannot be read.
+    """
     if urdf and not output:
         raise DataError('a corrected URDF is written beside the results: name a folder for them')
     return urdf_files.read_urdf(urdf) if urdf else b''
 
 
-def _inputs(sources: Sources, test: Sequence[str]) -> report.Inputs:
+def write_reported(
+    output: str,
+    done: Corrected,
+    record: Record,
+    evidence: dict[str, Any],
+    more: dict[str, bytes],
+) -> tuple[Path, ...]:
+    """Write the results, their report with them; what was written.
+
+    Raises:
+        CalibrationError: they cannot be written.
+    """
+    page = report.report_html(record, evidence)
+    told = {report.EVIDENCE: report.evidence_text(evidence).encode()}
+    return tuple(write_results(output, done, record, page, more | told))
+
+
+def inputs(sources: Sources, test: Sequence[str]) -> report.Inputs:
     """The files that the report names."""
     given = ('arm', 'probe', 'gauge', 'links')
     named = ((of, getattr(sources, of)) for of in given)

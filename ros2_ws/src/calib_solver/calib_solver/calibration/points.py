@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from calib_model import urdf as urdf_files
 from calib_model.bags import has_points, read_points
 from calib_model.descriptions import (
     parse_arm,
@@ -20,7 +19,7 @@ from calib_model.descriptions import (
 from calib_model.errors import DataError
 from calib_model.measured_points import PointMeasurement
 from calib_solver import compensation, report
-from calib_solver.calibration.calibration import Effort
+from calib_solver.calibration.calibration import Effort, inputs, own_urdf, write_reported
 from calib_solver.calibration.sources import Sources, unread_lines
 from calib_solver.fitting import Options
 from calib_solver.points import (
@@ -40,7 +39,6 @@ from calib_solver.results import (
     point_quality_record,
     point_result_record,
     refuse_no_place,
-    write_results,
 )
 
 
@@ -57,9 +55,7 @@ class PointCalibration:
     @property
     def verdict(self) -> str:
         """How it went, in one line."""
-        fit = self.done.fit
-        outcome = 'converged' if fit.converged else 'NOT CONVERGED'
-        return f'{outcome} after {fit.iterations} iterations: {fit.reason}'
+        return self.done.fit.verdict
 
 
 def hold_points(sources: Sources) -> bool:
@@ -129,9 +125,7 @@ def calibrate_points(
         raise DataError('--scheduler: is for probing poses; measured points stay on this machine')
     if output:
         refuse_no_place(output)
-    if urdf and not output:
-        raise DataError('a corrected URDF is written beside the results: name a folder for them')
-    own = urdf_files.read_urdf(urdf) if urdf else b''
+    own = own_urdf(urdf, output)
     unseen = load_points(replace(sources, bags=tuple(test)))[0] if test else None
     measured, copies = load_points(sources)
     if urdf:
@@ -148,22 +142,14 @@ def calibrate_points(
         spread = in_processes(threads())
         resampled = resample_points(done, effort.plan, spread, effort.progress)
     record = point_result_record(done, held_out, resampled)
-    written: list[Path] = []
     more: dict[str, bytes] = {}
     if urdf:
         more['robot.urdf'] = compensation.corrected_urdf(own, measured.arm, done.arm, urdf)
+    written: tuple[Path, ...] = ()
     if output:
-        given = report.Inputs(sources.bags, tuple(test), _given(sources))
-        evidence = report.point_evidence_of(done, given, held_out)
-        more[report.EVIDENCE] = report.evidence_text(evidence).encode()
-        page = report.report_html(record, evidence)
-        written = write_results(output, done, record, page, more)
-    return PointCalibration(done, held_out, record, tuple(written))
-
-
-def _given(sources: Sources) -> tuple[tuple[str, str], ...]:
-    named = ((of, getattr(sources, of)) for of in ('arm', 'links'))
-    return tuple((of, path) for of, path in named if path)
+        evidence = report.point_evidence_of(done, inputs(sources, test), held_out)
+        written = write_reported(output, done, record, evidence, more)
+    return PointCalibration(done, held_out, record, written)
 
 
 def point_evaluation_record(sources: Sources, correction: str = '') -> Record:

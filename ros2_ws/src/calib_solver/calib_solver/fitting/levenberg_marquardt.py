@@ -109,6 +109,12 @@ class Fit:
     unseen: Array
     history: tuple[float, ...] = field(default=())
 
+    @property
+    def verdict(self) -> str:
+        """How it went, in one line."""
+        outcome = 'converged' if self.converged else 'NOT CONVERGED'
+        return f'{outcome} after {self.iterations} iterations: {self.reason}'
+
 
 def residual_noise(quadratic: Quadratic, scale: Array, least: float = 0.0) -> float:
     """A residual's mean square, m^2: phi less what the data alone would still gain, per degree of

@@ -7,11 +7,15 @@ from calib_model.lazy import lazily
 
 if TYPE_CHECKING:
     from calib_solver.points.identification import (
+        checked_point_options as checked_point_options,
+        identify_points as identify_points,
+    )
+    from calib_solver.points.identified import (
         Placed as Placed,
         PointIdentification as PointIdentification,
-        checked_point_options as checked_point_options,
+    )
+    from calib_solver.points.joining import (
         held_out_points as held_out_points,
-        identify_points as identify_points,
         joined_points as joined_points,
     )
     from calib_solver.points.place_shares import (

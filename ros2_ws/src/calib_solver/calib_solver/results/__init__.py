@@ -11,6 +11,7 @@ if TYPE_CHECKING:
         scale_words as scale_words,
     )
     from calib_solver.results.files import (
+        Corrected as Corrected,
         convention_words as convention_words,
         probe_fit_record as probe_fit_record,
         refuse_no_place as refuse_no_place,
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
     )
     from calib_solver.results.uncertainty import (
         StatedErrors as StatedErrors,
+        needed_content as needed_content,
         read_uncertainty as read_uncertainty,
     )
 else:

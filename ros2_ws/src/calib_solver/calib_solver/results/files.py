@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -16,7 +16,7 @@ from calib_model.files import RESULT_FILES, encoded, file_hashes, refuse_unwrita
 from calib_model.instruments import CLASSIC, MODIFIED, Arm, Probe
 from calib_model.kinematics import KINDS, Correction
 from calib_model.transforms import RigidTransform
-from calib_solver.fitting import ProbeFit
+from calib_solver.fitting import Fit, ParameterEstimate, ProbeFit
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
 from calib_solver.results.corrections import correction_record, estimate_record, joint_errors_record
@@ -66,7 +66,7 @@ def result_record(
         'arm': done.arm.name,
         'objective': done.options.objective,
         'convention': {'parameters': CLASSIC, 'described_in': done.arm.described_in},
-        'parameters': parameter_records(done),
+        'parameters': parameter_records(done.estimates),
         'flange_T_probe': transform_record(done.probe.flange_T_probe),
         'spheres': sphere_records(done.identified.spheres),
         'quality': {
@@ -76,15 +76,7 @@ def result_record(
             'test_initial': quality_record(held_out.initial) if held_out is not None else None,
             'left_out': left_out_record(done.left_out) if done.left_out is not None else None,
         },
-        'solver': {
-            'iterations': done.fit.iterations,
-            'evaluations': done.fit.evaluations,
-            'phi_initial': done.fit.phi_initial,
-            'phi_final': done.fit.quadratic.phi,
-            'seconds': done.seconds,
-            'converged': done.fit.converged,
-            'reason': done.fit.reason,
-        },
+        'solver': solver_record(done.fit, done.seconds),
         'probe_fit': probe_fit_record(done.probe_fit) if done.probe_fit is not None else None,
         'warnings': list(done.warnings),
         'rejected': [vars(one) for one in done.rejected],
@@ -106,12 +98,23 @@ def convention_words(record: Record) -> str:
     )
 
 
-def parameter_records(done: Identification) -> list[Record]:
+def solver_record(fit: Fit, seconds: float) -> Record:
+    """How the solution was come to, in `seconds` in all."""
+    return {
+        'iterations': fit.iterations,
+        'evaluations': fit.evaluations,
+        'phi_initial': fit.phi_initial,
+        'phi_final': fit.quadratic.phi,
+        'seconds': seconds,
+        'converged': fit.converged,
+        'reason': fit.reason,
+    }
+
+
+def parameter_records(estimates: Sequence[ParameterEstimate]) -> list[Record]:
     """Every D-H and probe parameter of the table that is in use, in its order."""
     return [
-        estimate_record(estimate)
-        for estimate in done.estimates
-        if estimate.parameter.kind not in KINDS
+        estimate_record(estimate) for estimate in estimates if estimate.parameter.kind not in KINDS
     ]
 
 

@@ -9,12 +9,16 @@ import numpy as np
 
 from calib_model.arrays import Array
 from calib_model.instruments import CLASSIC
-from calib_model.kinematics import KINDS
 from calib_solver.points import HeldOutPoints, Placed, PointIdentification, PointQuality
 from calib_solver.problem import IntArray
-from calib_solver.results.corrections import estimate_record, joint_errors_record
+from calib_solver.results.corrections import joint_errors_record
 from calib_solver.results.diagnostics import finite, joint_shares, prior_record
-from calib_solver.results.files import SCHEMA, transform_record
+from calib_solver.results.files import (
+    SCHEMA,
+    parameter_records,
+    solver_record,
+    transform_record,
+)
 from calib_solver.results.quality import Record, left_out_record
 from calib_solver.results.readings import readings_record
 from calib_solver.results.resampling import resampling_record
@@ -35,9 +39,7 @@ def point_result_record(
         'arm': done.arm.name,
         'objective': done.options.objective,
         'convention': {'parameters': CLASSIC, 'described_in': done.arm.described_in},
-        'parameters': [
-            estimate_record(one) for one in done.estimates if one.parameter.kind not in KINDS
-        ],
+        'parameters': parameter_records(done.estimates),
         'flange_T_probe': transform_record(done.probe.flange_T_probe),
         'targets': [target_record(target) for target in done.targets],
         'stations': [station_record(station) for station in done.stations],
@@ -49,15 +51,7 @@ def point_result_record(
             'test_initial': point_quality_record(before) if before is not None else None,
             'left_out': left_out_record(done.left_out) if done.left_out is not None else None,
         },
-        'solver': {
-            'iterations': done.fit.iterations,
-            'evaluations': done.fit.evaluations,
-            'phi_initial': done.fit.phi_initial,
-            'phi_final': done.fit.quadratic.phi,
-            'seconds': done.seconds,
-            'converged': done.fit.converged,
-            'reason': done.fit.reason,
-        },
+        'solver': solver_record(done.fit, done.seconds),
         'probe_fit': None,
         'readings': readings_record(done.problem.measured.points),
         'warnings': list(done.warnings),

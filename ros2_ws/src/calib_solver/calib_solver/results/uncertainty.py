@@ -119,6 +119,22 @@ def _temperature(gauge: Gauge) -> dict[str, float] | None:
     }
 
 
+def needed_content(path: Path) -> bytes:
+    """A file of a result that older versions did not write.
+
+    Raises:
+        CalibrationError: it is missing or cannot be read.
+    """
+    try:
+        return file_content(path)
+    except FileNotFoundError as error:
+        raise CalibrationError(
+            f'{path}: there is none: the result is of a version without it, identify it anew'
+        ) from error
+    except OSError as error:
+        raise CalibrationError(f'{path}: cannot be read: {error.strerror}') from error
+
+
 def read_uncertainty(folder: str | Path) -> StatedErrors:
     """The errors that the calibration in a folder states.
 
@@ -126,15 +142,9 @@ def read_uncertainty(folder: str | Path) -> StatedErrors:
         CalibrationError: the file is missing, as in results of older versions, or is no such file.
     """
     path = Path(folder) / UNCERTAINTY
+    content = needed_content(path)
     try:
-        record = json.loads(file_content(path).decode('utf-8'))
-        return _stated(record, str(path))
-    except FileNotFoundError as error:
-        raise CalibrationError(
-            f'{path}: there is none: the result is of a version without it, identify it anew'
-        ) from error
-    except OSError as error:
-        raise CalibrationError(f'{path}: cannot be read: {error.strerror}') from error
+        return _stated(json.loads(content.decode('utf-8')), str(path))
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise CalibrationError(f'{path}: not what identify writes: {error}') from error
 

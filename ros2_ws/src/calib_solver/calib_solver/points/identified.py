@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an identification by measured points has found: parameters, targets and stations that
+account for themselves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from calib_model.arrays import Array
+from calib_model.instruments import Arm, PassiveProbe
+from calib_model.kinematics import Correction, ParameterTable
+from calib_model.transforms import RigidTransform, left_jacobian
+from calib_solver.error_models import JointErrorChoice
+from calib_solver.fitting import (
+    ErrorShares,
+    Fit,
+    Observability,
+    Options,
+    ParameterEstimate,
+    PoseNoise,
+    Uncertainty,
+    Workspace,
+    drawn_postures,
+    estimates_of,
+    full_inverse,
+    prior_width,
+)
+from calib_solver.left_out import LeftOut
+from calib_solver.points.gross_errors import RejectedPoint
+from calib_solver.points.place_shares import PlaceShares
+from calib_solver.points.places import Places
+from calib_solver.points.problem import FLANGE, PointProblem
+from calib_solver.points.quality import (
+    PointQuality,
+)
+from calib_solver.points.solver import (
+    PointSolver,
+)
+from calib_solver.problem import posture_jacobian
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A target on the flange or a station: `name`, `points` it has, its `transform`, and the
+    standard uncertainty of its translation (3,), m, and rotation vector (3,), rad, the latter None
+    where its rotation is not known."""
+
+    name: str
+    points: int
+    transform: RigidTransform
+    translation_uncertainty: Array
+    rotation_uncertainty: Array | None
+
+
+@dataclass(frozen=True)
+class PointIdentification:
+    """A solved calibration by points: as `Identification`, of targets and stations besides.
+
+    `covariance` (F + P, F + P) is that of the free parameters and of all places' small motions,
+    `normal` their J'J, without the prior's share;
+    `turn_noise`, rad, a rotation's standard deviation, None where there are none. `initial` and
+    `identified` are the quality before and after.
+    """
+
+    problem: PointProblem
+    options: Options
+    table: ParameterTable
+    full: Array
+    arm: Arm
+    fit: Fit
+    observability: Observability
+    uncertainty: Uncertainty
+    covariance: Array
+    normal: Array
+    turn_noise: float | None
+    initial: PointQuality
+    identified: PointQuality
+    rejected: tuple[RejectedPoint, ...]
+    seconds: float
+    warnings: tuple[str, ...]
+    joint_error_choice: JointErrorChoice | None = None
+    left_out: LeftOut | None = None
+
+    @property
+    def places(self) -> Places:
+        """Targets and stations as identified."""
+        return self.identified.places
+
+    @cached_property
+    def estimates(self) -> tuple[ParameterEstimate, ...]:
+        """What is said of every parameter of the arm in use, in the table's order."""
+        found = estimates_of(
+            self.table, self.full, self.observability, self.uncertainty, self.options.prior
+        )
+        return tuple(one for one in found if not one.parameter.name.startswith('probe_'))
+
+    @property
+    def model(self) -> Correction | None:
+        """The joint errors identified together with the arm."""
+        return Correction.identified(self.arm.joint_names, self.table.joint_errors(self.full))
+
+    @property
+    def correction(self) -> Correction | None:
+        """All that is corrected beyond the D-H parameters."""
+        return self.model
+
+    @property
+    def gauge(self) -> None:
+        """Measured points have none."""
+        return None
+
+    @cached_property
+    def error_shares(self) -> ErrorShares:
+        """Where the error of the free parameters comes from, targets and stations at their best."""
+        solver, fit = PointSolver(self.table, self.options), self.fit
+        normal, noise = fit.quadratic.normal, self.uncertainty.noise**2
+        inverse, rank = full_inverse(normal + np.diag(fit.kappa * solver.information))
+        strength = solver.options.prior.strength * solver.wider(fit) ** 2
+        freedom = max(int(fit.quadratic.terms) - rank, 0)
+        return ErrorShares(
+            noise * inverse @ normal @ inverse,
+            np.zeros((len(fit.x), 0)),
+            inverse @ normal - np.eye(len(fit.x)),
+            prior_width(solver.information, strength),
+            PoseNoise(noise, np.zeros(self.arm.n), freedom),
+        )
+
+    @cached_property
+    def place_shares(self) -> PlaceShares:
+        """Where the errors of targets and stations come from."""
+        weighed = self.fit.kappa * self.options.prior.information(self.table)
+        noise, problem = self.uncertainty.noise**2, self.problem
+        return PlaceShares.of(self.normal, weighed, noise, problem.targets, problem.stations)
+
+    @property
+    def probe(self) -> PassiveProbe:
+        """The first target as a seat, for what takes a tool."""
+        target = self.targets[0]
+        return PassiveProbe(f'target {target.name}', target.transform)
+
+    @cached_property
+    def targets(self) -> tuple[Placed, ...]:
+        """flange_T_target of every target."""
+        problem = self.problem
+        _, transforms = self.places.transforms()
+        oriented = np.bincount(problem.target, problem.oriented, len(problem.targets)) > 0
+        counts = np.bincount(problem.target, minlength=len(problem.targets))
+        found = []
+        for k, name in enumerate(problem.targets):
+            own = self._of_place(k)
+            turn = None
+            if oriented[k]:
+                by_vector = np.linalg.inv(left_jacobian(transforms[k].rotation_vector))
+                turn = _standard(by_vector @ own[3:, 3:] @ by_vector.T)
+            at = transforms[k] if oriented[k] else RigidTransform(transforms[k].translation)
+            found.append(Placed(name, int(counts[k]), at, _standard(own[:3, :3]), turn))
+        return tuple(found)
+
+    @cached_property
+    def stations(self) -> tuple[Placed, ...]:
+        """T_tracker_base of every station."""
+        problem = self.problem
+        transforms, _ = self.places.transforms()
+        counts = np.bincount(problem.station, minlength=len(problem.stations))
+        found = []
+        for s, number in enumerate(problem.stations):
+            own = self._of_place(len(problem.targets) + s)
+            turned = transforms[s].rotation
+            # the base was moved and turned in itself: R exp(w) = exp(R w) R
+            by_vector = np.linalg.inv(left_jacobian(transforms[s].rotation_vector)) @ turned
+            moved = _standard(turned @ own[:3, :3] @ turned.T)
+            turn = _standard(by_vector @ own[3:, 3:] @ by_vector.T)
+            found.append(Placed(str(number), int(counts[s]), transforms[s], moved, turn))
+        return tuple(found)
+
+    def _of_place(self, number: int) -> Array:
+        first = len(self.fit.x) + 6 * number
+        return self.covariance[first : first + 6, first : first + 6]
+
+    @cached_property
+    def workspace(self) -> Workspace:
+        """The first target at postures all over the workspace; `jacobian` (K, 3, F + 3) by the free
+        parameters and by its place on the flange."""
+        joints = drawn_postures(self.arm)
+        centers = np.broadcast_to(self.places.target[0], (len(joints), 3))
+        points, slope = posture_jacobian(self.arm, FLANGE, self.table, self.full, joints, centers)
+        held = slope[:, :, self.table.mount][:, :, :3]
+        by_both = np.concatenate([slope[:, :, self.table.free_columns], held], axis=2)
+        return Workspace(joints, points, by_both)
+
+    @cached_property
+    def position_uncertainty(self) -> Array:
+        """Standard uncertainty (K,), m, of the first target over the workspace, base frame."""
+        size = self.workspace.jacobian.shape[2]
+        return self.workspace.uncertainty(self.covariance[:size, :size])
+
+
+def _standard(covariance: Array) -> Array:
+    return np.sqrt(np.maximum(np.diag(covariance), 0.0))
