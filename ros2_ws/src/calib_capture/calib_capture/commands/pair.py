@@ -82,7 +82,7 @@ def pair(
         DescriptionError: a description in the bag or the placements cannot be used.
         DataError: poses that do not fit the descriptions.
     """
-    _refuse_existing(out)
+    refuse_taken(out)
     places = None if placements is None else read_description(placements, parse_placements)
     paired = paired_program(raw, settings, places, correct_clock, Progress(sys.stderr))
     _write(raw, out, paired.measured)
@@ -99,14 +99,10 @@ def pair_hand_guided_bag(
         DescriptionError: a description in the bag cannot be used.
         DataError: poses that do not fit the descriptions.
     """
-    _refuse_existing(out)
+    refuse_taken(out)
     paired = paired_hand_guided(raw, note, correct_clock, Progress(sys.stderr))
     _write(raw, out, paired.measured)
     return paired
-
-
-def _refuse_existing(out: Path) -> None:
-    refuse_taken(out)
 
 
 def _write(raw: Path, out: Path, measured: Measurement) -> None:

@@ -376,7 +376,7 @@ class CaptureNode(Node):
 
     def without_readings(self) -> bool:
         """Whether the probe is a ball or a seat of which no node tells anything."""
-        silent = not self._read and not self.count_publishers(PROBE_DISPLACEMENTS.name)
+        silent = not self._read and not self.count_publishers(PROBE_DISPLACEMENTS.relative)
         return silent and isinstance(self.probe, PassiveProbe)
 
     def begin_taking(self, earlier: Sequence[FileAccount]) -> TakingSession:
