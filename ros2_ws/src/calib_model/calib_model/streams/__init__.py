@@ -18,7 +18,6 @@ if TYPE_CHECKING:
         put_together as put_together,
     )
     from calib_model.streams.stamping import (
-        HOW as HOW,
         tell_no_time as tell_no_time,
     )
     from calib_model.streams.turns import (

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from calib_model.arrays import Array
 from calib_model.stamps import SECOND
 
-HOW = ('auto', 'header', 'record')
 FEW = 0.4  # of the messages have a stamp of their own, not even where each came twice
 OTHERS = 0.1  # of the messages with one stamp that hold something else
 BACK = 0.05  # of the steps that go back: no late message and no clock that is set does that

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
         PointCalibration as PointCalibration,
         calibrate_points as calibrate_points,
         copied_lines as copied_lines,
-        hold_points as hold_points,
         load_points as load_points,
     )
     from calib_solver.calibration.raw_options import (
@@ -38,6 +37,7 @@ if TYPE_CHECKING:
     from calib_solver.calibration.sources import (
         Sources as Sources,
         bag_list as bag_list,
+        hold_points as hold_points,
         load as load,
         load_all as load_all,
         unread_lines as unread_lines,

@@ -6,8 +6,8 @@ from __future__ import annotations
 from calib_model.descriptions import parse_correction, read_description
 from calib_model.progress import Progress
 from calib_solver.calibration.duplicate_poses import duplicate_lines
-from calib_solver.calibration.points import hold_points, point_evaluation_record
-from calib_solver.calibration.sources import Sources, load_all
+from calib_solver.calibration.points import point_evaluation_record
+from calib_solver.calibration.sources import Sources, hold_points, load_all
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
 from calib_solver.results import Record, quality_record, sphere_records

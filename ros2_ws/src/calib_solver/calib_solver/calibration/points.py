@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib_model.bags import has_points, read_points
+from calib_model.bags import read_points
 from calib_model.descriptions import (
     parse_arm,
     parse_correction,
@@ -56,23 +56,6 @@ class PointCalibration:
     def verdict(self) -> str:
         """How it went, in one line."""
         return self.done.fit.verdict
-
-
-def hold_points(sources: Sources) -> bool:
-    """Whether these are bags of measured points.
-
-    Raises:
-        BagError: a bag is missing or cannot be read.
-        DataError: some are and some are not.
-    """
-    found = {bag: has_points(bag) for bag in sources.bags}
-    if len(set(found.values())) > 1:
-        first = next(bag for bag, points in found.items() if points)
-        other = next(bag for bag, points in found.items() if not points)
-        raise DataError(
-            f'{first}: holds measured points, {other} does not: they are no one measurement'
-        )
-    return bool(found) and all(found.values())
 
 
 def load_points(sources: Sources) -> tuple[PointMeasurement, int]:

@@ -8,7 +8,7 @@ from argparse import Namespace
 from calib_model import labelling
 from calib_model.bounds import PAIRING
 from calib_model.command_line import CommandParser, UsageError, number_from
-from calib_model.streams import HOW
+from calib_model.stamps import TIMED_BY
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS, RawTopics
 
 MOTIONS = {'auto': None, 'standing': True, 'led': False}
@@ -84,8 +84,8 @@ def raw_settings(given: Namespace) -> labelling.RawSettings:
     """
     if given.motion not in MOTIONS:
         raise UsageError(f'--motion: expected one of {", ".join(MOTIONS)}, got {given.motion!r}')
-    if given.stamps not in HOW:
-        raise UsageError(f'--stamps: expected one of {", ".join(HOW)}, got {given.stamps!r}')
+    if given.stamps not in TIMED_BY:
+        raise UsageError(f'--stamps: expected one of {", ".join(TIMED_BY)}, got {given.stamps!r}')
     chosen = {name: getattr(given, name) for name in SETTINGS if getattr(given, name) is not None}
     if len(set(given.spheres)) < len(given.spheres):
         raise UsageError('--spheres: a number is there twice')

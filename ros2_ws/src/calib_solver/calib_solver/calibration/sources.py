@@ -99,6 +99,23 @@ class Loaded:
         return replace(self, measured=measured, duplicates=int(copy.sum()))
 
 
+def hold_points(sources: Sources) -> bool:
+    """Whether these are bags of measured points.
+
+    Raises:
+        BagError: a bag is missing or cannot be read.
+        DataError: some are and some are not.
+    """
+    found = {bag: has_points(bag) for bag in sources.bags}
+    if len(set(found.values())) > 1:
+        first = next(bag for bag, points in found.items() if points)
+        other = next(bag for bag, points in found.items() if not points)
+        raise DataError(
+            f'{first}: holds measured points, {other} does not: they are no one measurement'
+        )
+    return bool(found) and all(found.values())
+
+
 def load(sources: Sources) -> Measurement:
     """The measurement of one or several bags; each further bag's locations are its own.
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import sqrt
+from typing import TYPE_CHECKING
 
 from calib_model.errors import LONGEST_LINE
 from calib_solver.calibration.calibration import Calibration
-from calib_solver.calibration.points import PointCalibration
 from calib_solver.results import (
     Record,
     convention_words,
@@ -17,6 +17,9 @@ from calib_solver.results import (
     resampling_lines,
     scale_words,
 )
+
+if TYPE_CHECKING:
+    from calib_solver.calibration.points import PointCalibration
 
 ROWS = (
     ('distance error, mean', 'distance', 'mean'),

@@ -213,10 +213,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def work() -> None:
         finished = run(argv)
-        if isinstance(finished, calibration.PointCalibration):
-            print(calibration.point_summary_text(finished))
-        else:
+        if isinstance(finished, calibration.Calibration):
             print(calibration.summary_text(finished))
+        else:
+            print(calibration.point_summary_text(finished))
 
     return run_command(work)
 

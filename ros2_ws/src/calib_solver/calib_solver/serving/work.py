@@ -15,7 +15,7 @@ from calib_model.bags import Temperature
 from calib_model.bounds import TEMPERATURE
 from calib_model.errors import DataError
 from calib_model.labelling import RawSettings
-from calib_model.streams import HOW
+from calib_model.stamps import TIMED_BY
 from calib_model.topics import RawTopics
 from calib_solver import acceptance
 from calib_solver.calibration import (
@@ -182,8 +182,8 @@ def _with_raw(request: Request) -> Sources:
         tuple(request.joints),
     )
     stamps = request.stamps or 'auto'
-    if stamps not in HOW:
-        raise DataError(f'stamps: expected one of {", ".join(HOW)}, got {stamps!r}')
+    if stamps not in TIMED_BY:
+        raise DataError(f'stamps: expected one of {", ".join(TIMED_BY)}, got {stamps!r}')
     choice = RawSettings(topics, tuple(int(number) for number in request.spheres), stamps=stamps)
     return replace(
         _sources(request),
