@@ -18,6 +18,7 @@ from calib_capture.motion import (
     gentlest,
     stop,
 )
+from calib_capture.recording.arm_pace import ArmPace
 from calib_model.arrays import Array, frozen
 from calib_model.stamps import SECOND
 
@@ -32,12 +33,9 @@ LATEST = 1.5  # s, how far behind its command an arm is looked for
 LOOKS, CLOSER = 0.02, 0.002  # s between places where it is looked for, and then around the best
 ALIKE = 2e-3  # rad, root mean square: places that cannot be told apart
 TRACK, APART = 150, 0.01  # joint states that tell, and s between them
-PACES = (0.01, 100.0)  # of the arm's time in the wall's: simulations have their own
 LONG = 1.0  # s by which stamps do not fall but with their clock
 PATIENCE = 0.3  # s for a moment at which it can be stopped within its limits for sure
 HASTE = 0.45  # s until it is stopped as gently as can be, within them or not
-REAL = (0.75, 1.33)  # a pace that is real time, as far as messages come in time
-SURE = 0.3  # s of both times by which the pace is told
 
 
 class CommandedMotion:
@@ -52,7 +50,7 @@ class CommandedMotion:
     def __init__(self, limits: MotionLimits) -> None:
         self._limits = limits
         self._motion: InterpolatedMotion | None = None
-        self._sent = (0.0, 0.0)  # when, s of the arm's time and of the wall's
+        self._pace = ArmPace()
         self._begins = 0.0  # s of the arm's time
         self._stamp, self._apart, self._newest_apart = 0, np.inf, np.inf
         self._seen = (0.0, 0.0)
@@ -66,18 +64,24 @@ class CommandedMotion:
         self._newest_apart = abs(stamp - wall) / SECOND if wall else np.inf
         self._apart = min(self._apart, self._newest_apart)
         self._seen = seconds, _ = stamp / SECOND, now
+        self._pace.see(seconds, now, self._moving(seconds))
         if self._track and seconds < self._track[-1][0] - LONG:  # a clock was set back
             self._track.clear()
             self._rests_at = 0.0
         if not self._track or seconds - self._track[-1][0] >= APART:
             self._track.append((seconds, now, joints))
 
+    def _moving(self, seconds: float) -> bool:
+        motion = self._motion
+        return motion is not None and 0.0 <= seconds - self._begins <= motion.duration
+
     def begin(self, trajectory: Trajectory, now: float) -> Trajectory:
         """The trajectory as it is to be sent, to an arm at rest where it begins."""
         self._motion = InterpolatedMotion(MotionState.resting(trajectory.positions[0]), trajectory)
-        self._sent, self._asked = (self._arm_time(now, 1.0), now), None
+        self._asked = None
         shared = self._apart < SHARED and self._newest_apart < LATE
-        self._begins = self._sent[0] + (LEAD if shared else 0.0)
+        self._begins = self._arm_time(now, 1.0) + (LEAD if shared else 0.0)
+        self._pace.begin()
         self._stamp, self._apart = round(self._begins * SECOND) if shared else 0, np.inf
         self._track.clear()
         return replace(trajectory, stamp=self._stamp)
@@ -89,21 +93,16 @@ class CommandedMotion:
             seen += [(stamp, wall) for stamp, wall, _ in self._track]
         return max(stamp + (now - wall) * pace for stamp, wall in seen)
 
-    def _pace(self) -> float:
-        arm, wall = (seen - sent for seen, sent in zip(self._seen, self._sent, strict=True))
-        pace = float(np.clip(arm / max(wall, LOOKS), *PACES)) if max(arm, wall) > SURE else 1.0
-        return 1.0 if REAL[0] < pace < REAL[1] else pace
-
     def elapsed(self, now: float) -> float:
         """Seconds of the arm's time since the trajectory began."""
-        return self._arm_time(now, self._pace()) - self._begins
+        return self._arm_time(now, self._pace.known) - self._begins
 
     def under_way(self, now: float) -> bool:
         """Whether a trajectory is not over yet."""
         motion = self._motion
         if motion is None or self._there(motion):
             return False
-        return self.elapsed(now) < motion.duration + UNSURE * self._pace()
+        return self.elapsed(now) < motion.duration + UNSURE * self._pace.known
 
     def _there(self, motion: InterpolatedMotion) -> bool:
         """Whether the arm has been seen at the end, when it was to be there: a simulation may be
@@ -127,7 +126,7 @@ class CommandedMotion:
         motion = self._motion
         if motion is None or not self._track:
             return None
-        if self._pace() != 1.0:  # a simulation, far from where it was seen: it rests by itself
+        if self._pace.known != 1.0:  # a simulation, far from where it was seen: it rests by itself
             return None
         if self._stamp and self._keeps_stamps():
             return self._turned_off(motion, self._arm_time(now, 1.0) - self._begins)

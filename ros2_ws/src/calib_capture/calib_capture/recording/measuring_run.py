@@ -130,6 +130,7 @@ class MeasuringRun:
         self._stands = StandingMean(STILL)
         self._goal: Array | None = None
         self._left = True  # whether it has moved since it was told to
+        self._heard = True  # whether it has been heard of since then
         self.paused = False
         self._visited: list[PlannedPose] = []  # those of the last command
         self._last: PlannedPose | None = None  # the last one it was told to go to
@@ -165,9 +166,14 @@ class MeasuringRun:
         if not leg.moves or self._last is None:
             return None
         self._goal = self._last.joints
-        self._left = False
+        self._left = self._heard = False
         self._sign_of_life = now
-        return self.motion.begin(leg.trajectory(), now)
+        return leg.trajectory()
+
+    def sent(self, trajectory: Trajectory, now: float) -> Trajectory:
+        """The next batch as it is sent `now`: planning it took its time."""
+        self._sign_of_life = now
+        return self.motion.begin(trajectory, now)
 
     def _standing(self) -> Array:
         """Where the arm is commanded to be, or stands where nobody commanded it."""
@@ -260,6 +266,9 @@ class MeasuringRun:
         if self._stands.see(joints, stamp):
             self._sign_of_life = now
             self._left = True
+        elif not self._heard:
+            self._sign_of_life = now
+        self._heard = True
         self.motion.see(joints, stamp, now, wall)
         self._here = joints
 
@@ -306,7 +315,7 @@ class MeasuringRun:
     def overdue(self, now: float) -> bool:
         """Whether the open poses have gone without a sign of life for too long."""
         patience = self.settings.answer_timeout + self.settings.hold
-        return bool(self._open) and now - self._sign_of_life > patience
+        return bool(self._open) and self._heard and now - self._sign_of_life > patience
 
     def refuse_standstill(self) -> None:
         """Nothing, where the arm has come to where it was commanded to.
@@ -329,7 +338,18 @@ class MeasuringRun:
 
     def pause(self) -> None:
         """Command nothing any more; the open poses are to be tried again."""
-        self.paused, self._goal = True, None
+        self.paused = True
+        self._take_back()
+
+    def arm_anew(self) -> None:
+        """The arm has been started anew: what it was commanded died with it."""
+        self.excuse()
+        self._take_back()
+        self.motion.forget()
+
+    def _take_back(self) -> None:
+        """Where it goes nobody knows any more; the open poses are to be tried again."""
+        self._goal = None
         self._todo.extendleft(reversed(self._open))
         self._open = []
 
@@ -353,6 +373,7 @@ class MeasuringRun:
         for pose, attempt in reversed(self._open):
             self._again(pose, attempt, NO_ANSWER)
         self._open = []
+        self._goal = None  # it may still be on its way
         self._sign_of_life = now
 
     def give_up(self, now: float) -> None:

@@ -86,10 +86,11 @@ class ProgramSession:
         """A message has come that may be of another arm or probe than the bag's: it is left out of
         the bag, too, so that nobody pairs it later."""
         self.unsure += 1
-        if topic == JOINT_STATES:  # what it was to do died with it
-            self.run.motion.forget()
         self.pairing.start_over()
-        self.run.excuse()
+        if topic == JOINT_STATES:
+            self.run.arm_anew()
+        else:
+            self.run.excuse()
 
     def tick(self) -> None:
         """Do what is due without a message: save, give up waiting, command.
@@ -189,7 +190,7 @@ class ProgramSession:
         waits = self._halting or self._stale()
         trajectory = None if waits else self.run.next_trajectory(self._clock())
         if trajectory is not None:
-            self._command(trajectory)
+            self._command(self.run.sent(trajectory, self._clock()))
         waited = self._unsaved_since is not None and self._clock() - self._unsaved_since
         if trajectory is not None or self.run.finished or (waited and waited > SAVE_WITHIN):
             self._save()

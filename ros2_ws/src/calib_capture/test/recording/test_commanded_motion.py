@@ -99,3 +99,15 @@ def test_before_it_has_begun_the_arm_is_told_to_stay(kr5, seed):
     cell.follow(found, 0.12, found.stamp)
     state = cell.controller.at(EPOCH + 9 * SECOND)
     assert np.array_equal(state.position, cell.way.positions[0]) and cell.said == []
+
+
+def test_a_simulation_faster_than_real_time_is_not_told_to_stop_where_nobody_knows_it_is(kr5):
+    cell, wall = Cell(kr5, 11, shared=False), EPOCH / SECOND
+    for _ in range(2):
+        sent = cell.motion.begin(cell.way, wall)
+        for seconds in np.arange(0.0, sent.duration, 0.05):
+            wall += 1e-4
+            cell.motion.see(cell.way.positions[0], EPOCH + round(seconds * SECOND), wall)
+        assert cell.motion.stop(wall) is None
+    cell.motion.begin(cell.way, wall)
+    assert cell.motion.stop(wall + 0.01) is None  # of this motion nothing has been seen yet

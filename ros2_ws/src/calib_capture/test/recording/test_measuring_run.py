@@ -287,6 +287,27 @@ def test_a_silent_graph_is_given_up_in_time(run):
         run.close_batch(6.0)
 
 
+def test_an_arm_that_has_not_been_heard_since_its_command_is_not_overdue(run):
+    trajectory = run.next_trajectory(0.0)
+    run.sent(trajectory, 7.0)  # planning may take long where others are busy, too
+    assert not run.overdue(60.0)
+    run.see(np.full(6, 0.2), 3 * SECOND, 61.0)
+    assert not run.overdue(61.5)
+    assert run.overdue(63.0)
+
+
+def test_after_a_batch_was_given_up_the_next_one_waits_for_the_arm_to_rest(run):
+    run.next_trajectory(0.0)
+    run.see(np.full(6, 0.13), 9 * SECOND, 0.5)
+    run.close_batch(2.0)
+    for i in range(5):  # it comes late and goes on
+        run.see(np.full(6, 0.15 + 0.02 * i), 10 * SECOND + i * SECOND // 10, 2.0 + 0.1 * i)
+        assert run.next_trajectory(2.0) is None
+    run.see(np.full(6, 0.23), 11 * SECOND, 3.0)
+    again = run.next_trajectory(3.0)
+    assert np.allclose(again.positions[0], 0.23)
+
+
 class Simulated:
     """Arm and probe in one: goes where it is told and reads as it is told to."""
 

@@ -27,9 +27,7 @@ Quantity = tuple[str, Array, float]  # what it is called, its values, the most t
 def seat_displacement(probe: ActiveProbe, sphere_diameter: float) -> Array:
     """Displacements (3,), m, by a sphere that is centred where the styli's axes meet; the middle of
     the strokes where they do not meet, and where the sphere is out of reach there NaN."""
-    origin = np.array([stylus.origin for stylus in probe.styli])
-    along = np.array([stylus.direction for stylus in probe.styli])
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    origin, along = probe.origin, probe.direction
     across = np.eye(3) - along[:, :, None] * along[:, None, :]
     meeting = np.linalg.pinv(across.sum(axis=0)) @ np.einsum('sij,sj->i', across, origin)
     past = np.linalg.norm(np.einsum('sij,sj->si', across, meeting - origin), axis=1)
@@ -100,7 +98,7 @@ def _of_probe(probe: Probe) -> Iterator[Quantity]:
     if isinstance(probe, PassiveProbe):
         yield 'center', probe.center, FARTHEST
         return
-    yield 'origin', np.array([stylus.origin for stylus in probe.styli]), FARTHEST
+    yield 'origin', probe.origin, FARTHEST
     yield 'tip_radius', np.array([stylus.tip_radius for stylus in probe.styli]), FARTHEST
     yield 'stroke', probe.stroke, FARTHEST
 

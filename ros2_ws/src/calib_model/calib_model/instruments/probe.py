@@ -9,7 +9,7 @@ import numpy as np
 
 from calib_model.arrays import Array, frozen
 from calib_model.errors import ContactError, DataError
-from calib_model.transforms import RigidTransform
+from calib_model.transforms import RigidTransform, cross
 
 STYLI = 3
 
@@ -57,7 +57,9 @@ class PassiveProbe:
 class ActiveProbe:
     """Three styli whose displacements are read; together they find the sphere's centre.
 
-    `simulated` is said by who simulates them, and compared with nothing.
+    Row by row of `styli`: `origin` and unit `direction` (3, 3), `tip_radius` (3,), m, and `stroke`
+    (3, 2), the displacements of the free and of the blocked stylus, m. `simulated` is said by who
+    simulates them, and compared with nothing.
     """
 
     name: str
@@ -65,23 +67,20 @@ class ActiveProbe:
     styli: tuple[Stylus, Stylus, Stylus]
     simulated: bool = field(default=False, compare=False)
     kind = 'active'
-    _origin: Array = field(init=False, repr=False, compare=False)
-    _direction: Array = field(init=False, repr=False, compare=False)
-    _tip_radius: Array = field(init=False, repr=False, compare=False)
+    origin: Array = field(init=False, repr=False, compare=False)
+    direction: Array = field(init=False, repr=False, compare=False)
+    tip_radius: Array = field(init=False, repr=False, compare=False)
+    stroke: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if len(self.styli) != STYLI:
             raise DataError(f'{self.name}: expected {STYLI} styli, got {len(self.styli)}')
         directions = np.array([stylus.direction for stylus in self.styli])
-        object.__setattr__(self, '_origin', frozen([s.origin for s in self.styli]))
+        object.__setattr__(self, 'origin', frozen([s.origin for s in self.styli]))
         lengths = np.linalg.norm(directions, axis=1, keepdims=True)
-        object.__setattr__(self, '_direction', frozen(directions / lengths))
-        object.__setattr__(self, '_tip_radius', frozen([s.tip_radius for s in self.styli]))
-
-    @property
-    def stroke(self) -> Array:
-        """Displacements of the free and of the blocked styli, shape (3, 2), m."""
-        return np.array([stylus.stroke for stylus in self.styli])
+        object.__setattr__(self, 'direction', frozen(directions / lengths))
+        object.__setattr__(self, 'tip_radius', frozen([s.tip_radius for s in self.styli]))
+        object.__setattr__(self, 'stroke', frozen([s.stroke for s in self.styli]))
 
     def mounted(self, flange_T_probe: RigidTransform) -> ActiveProbe:
         """The same probe at another place on the flange: another P in eq. 14."""
@@ -94,9 +93,9 @@ class ActiveProbe:
         s = -w.u + sqrt((w.u)^2 - |w|^2 + rho^2) with w = o - c; of the two roots the one where
         the sphere is in front of the tip. Strokes are not applied. NaN where a tip passes by.
         """
-        w = self._origin - np.asarray(centers, dtype=np.float64)[:, None, :]  # (N, 3 styli, 3)
-        rho = sphere_diameter / 2 + self._tip_radius
-        along = np.einsum('nsk,sk->ns', w, self._direction)
+        w = self.origin - np.asarray(centers, dtype=np.float64)[:, None, :]  # (N, 3 styli, 3)
+        rho = sphere_diameter / 2 + self.tip_radius
+        along = np.einsum('nsk,sk->ns', w, self.direction)
         under_root = along**2 - np.einsum('nsk,nsk->ns', w, w) + rho**2
         with np.errstate(invalid='ignore'):
             touching: Array = np.sqrt(under_root) - along
@@ -113,22 +112,22 @@ class ActiveProbe:
                 names the first such row.
         """
         s = np.asarray(displacement, dtype=np.float64)
-        tips = self._origin + s[:, :, None] * self._direction  # (N, 3 styli, 3)
-        rho = sphere_diameter / 2 + self._tip_radius
+        tips = self.origin + s[:, :, None] * self.direction  # (N, 3 styli, 3)
+        rho = sphere_diameter / 2 + self.tip_radius
         first, second = tips[:, 1] - tips[:, 0], tips[:, 2] - tips[:, 0]
-        normal = np.cross(first, second)
+        normal = cross(first, second)
         area = np.einsum('nk,nk->n', normal, normal)
         _refuse_rows(~(area > 1e-24), f'{self.name}: the three tips are in line')
         # p - tip_0 = u + h normal, u in the tips' plane from the differences of the three spheres
         along_first = (rho[0] ** 2 - rho[1] ** 2 + np.einsum('nk,nk->n', first, first)) / 2
         along_second = (rho[0] ** 2 - rho[2] ** 2 + np.einsum('nk,nk->n', second, second)) / 2
         in_plane = (
-            np.cross(second, normal) * along_first[:, None]
-            + np.cross(normal, first) * along_second[:, None]
+            cross(second, normal) * along_first[:, None]
+            + cross(normal, first) * along_second[:, None]
         ) / area[:, None]
         height = rho[0] ** 2 - np.einsum('nk,nk->n', in_plane, in_plane)
         _refuse_rows(~(height >= 0), f'{self.name}: no sphere of that diameter touches all tips')
-        housing = np.sign(normal @ self._direction.sum(axis=0))
+        housing = np.sign(normal @ self.direction.sum(axis=0))
         lift = -housing * np.sqrt(height / area)
         centers: Array = tips[:, 0] + in_plane + lift[:, None] * normal
         return centers

@@ -35,29 +35,38 @@ class JointFrame:
 
 def joint_frames(arm: Arm, q: Array) -> Iterator[JointFrame]:
     """The frames of eq. 2, joint by joint from the base, for postures q (N, n)."""
-    moved = arm.direction * arm.uncoupled(q)
+    turns, slides = _turns_and_slides(arm, q)
+    a, alpha, _, _, beta = arm.geometry
+    tilts = zip(np.cos(alpha).tolist(), np.sin(alpha).tolist(), strict=True)
+    bends = zip(np.cos(beta).tolist(), np.sin(beta).tolist(), strict=True)
     # (3, N), so that what is done to all poses at once lies side by side
     x_before, y_before, z_before = (
-        np.repeat(axis[:, None], len(moved), axis=1) for axis in arm.base_T_dh.rotation.T
+        np.repeat(axis[:, None], turns.shape[1], axis=1) for axis in arm.base_T_dh.rotation.T
     )
-    origin = np.repeat(arm.base_T_dh.translation[:, None], len(moved), axis=1)
-    for i, (a, alpha, d, theta_0, beta) in enumerate(arm.geometry.T):
-        turn, slide = _turn_and_slide(arm, i, moved)
-        cosine, sine = np.cos(turn - theta_0), np.sin(turn - theta_0)
+    origin = np.repeat(arm.base_T_dh.translation[:, None], turns.shape[1], axis=1)
+    for cosine, sine, slide, length, (cos_alpha, sin_alpha), (cos_beta, sin_beta) in zip(
+        np.cos(turns), np.sin(turns), slides, a.tolist(), tilts, bends, strict=True
+    ):
         x = cosine * x_before + sine * y_before
         y_turned = cosine * y_before - sine * x_before
-        y = np.cos(alpha) * y_turned + np.sin(alpha) * z_before
-        z = np.cos(alpha) * z_before - np.sin(alpha) * y_turned
-        axes = (np.cos(beta) * x - np.sin(beta) * z, y, np.sin(beta) * x + np.cos(beta) * z)
-        after = origin + (d + slide) * z_before + a * x
-        rotation = np.stack(axes).transpose(2, 1, 0)
+        y = cos_alpha * y_turned + sin_alpha * z_before
+        z = cos_alpha * z_before - sin_alpha * y_turned
+        axes = (x, y, z)
+        if sin_beta != 0.0:
+            axes = (cos_beta * x - sin_beta * z, y, sin_beta * x + cos_beta * z)
+        after = origin + slide * z_before + length * x
+        rotation = np.array(axes).transpose(2, 1, 0)
         yield JointFrame(origin.T, z_before.T, x.T, rotation, after.T)
         (x_before, y_before, z_before), origin = axes, after
 
 
-def _turn_and_slide(arm: Arm, i: int, moved: Array) -> tuple[Array | float, Array | float]:
-    """By what joint i turns and by what it slides when all have moved (N, n): one is zero."""
-    return (0.0, moved[:, i]) if arm.prismatic[i] else (moved[:, i], 0.0)
+def _turns_and_slides(arm: Arm, q: Array) -> tuple[Array, Array]:
+    """By what each joint turns (n, N), rad, and slides (n, N), m, in postures q (N, n)."""
+    moved = (arm.direction * arm.uncoupled(q)).T
+    _, _, d, theta_0, _ = arm.geometry
+    slides_only = arm.prismatic[:, None]
+    turns = np.where(slides_only, 0.0, moved) - theta_0[:, None]
+    return turns, np.where(slides_only, moved, 0.0) + d[:, None]
 
 
 def forward_kinematics(arm: Arm, q: Array) -> Array:
@@ -89,16 +98,16 @@ def points(arm: Arm, q: Array, p_flange: Array) -> Array:
     Raises:
         DataError: `q` has not the arm's number of joints.
     """
-    moved = arm.direction * arm.uncoupled(q)
-    x, y, z = _in_last_frame(arm, p_flange, len(moved)).T
+    turns, slides = _turns_and_slides(arm, q)
+    cosines, sines = np.cos(turns), np.sin(turns)
+    x, y, z = _in_last_frame(arm, p_flange, turns.shape[1]).T
     for i in reversed(range(arm.n)):
-        a, alpha, d, theta_0, beta = arm.geometry[:, i]
+        a, alpha, _, _, beta = arm.geometry[:, i]
         if beta != 0.0:
             x, z = np.cos(beta) * x + np.sin(beta) * z, np.cos(beta) * z - np.sin(beta) * x
-        turn, slide = _turn_and_slide(arm, i, moved)
         y, z = np.cos(alpha) * y - np.sin(alpha) * z, np.sin(alpha) * y + np.cos(alpha) * z
-        x, z = x + a, z + (d + slide)
-        cosine, sine = np.cos(turn - theta_0), np.sin(turn - theta_0)
+        x, z = x + a, z + slides[i]
+        cosine, sine = cosines[i], sines[i]
         x, y = cosine * x - sine * y, sine * x + cosine * y
     p_dh = np.stack([x, y, z], axis=-1)
     return p_dh if arm.base_T_dh.is_identity else arm.base_T_dh.apply(p_dh)

@@ -73,7 +73,7 @@ def instrument_rows(done: Identification, held_out: HeldOut | None) -> list[tupl
 def _probe(probe: Probe) -> str:
     if isinstance(probe, PassiveProbe):
         return f'{probe.name}, passive: a seat that centres the sphere'
-    low, high = np.array([stylus.stroke for stylus in probe.styli]).T * 1e3
+    low, high = probe.stroke.T * 1e3
     tips = ', '.join(f'{radius:g}' for radius in sorted({s.tip_radius * 1e3 for s in probe.styli}))
     return (
         f'{probe.name}, active: {len(probe.styli)} styli with tips of {tips} mm radius, read from '

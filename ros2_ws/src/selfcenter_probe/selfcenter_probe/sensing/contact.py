@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from calib_model.arrays import Array
 from calib_model.instruments import STYLI, ActiveProbe, PassiveProbe
+from calib_model.transforms import cross
 
 
 class Status(IntEnum):
@@ -44,9 +45,8 @@ def touch(probe: ActiveProbe, p_probe_sphere: Array, sphere_diameter: float) -> 
     """
     lower, upper = probe.stroke.T
     wanted = probe.displacements(p_probe_sphere, sphere_diameter)
-    origin = np.array([stylus.origin for stylus in probe.styli])
-    offset = p_probe_sphere[:, None, :] - origin
-    reach = sphere_diameter / 2 + np.array([stylus.tip_radius for stylus in probe.styli])
+    offset = p_probe_sphere[:, None, :] - probe.origin
+    reach = sphere_diameter / 2 + probe.tip_radius
     # The line of a stylus goes on behind the housing, and a sphere there pushes nothing in. At an
     # end of the stroke the tip's centre is that far from its origin: twice is well beyond.
     reach = reach + 2 * np.abs(probe.stroke).max(axis=1)
@@ -65,12 +65,10 @@ def _past_the_tips(probe: ActiveProbe, offset: Array, displacement: Array) -> ND
 
     They would read like their mirror images outside; a real one has run into the housing.
     """
-    direction = np.array([stylus.direction for stylus in probe.styli])
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    to_sphere = offset - displacement[:, :, None] * direction  # from each tip's centre
-    normal = np.cross(to_sphere[:, 0] - to_sphere[:, 1], to_sphere[:, 0] - to_sphere[:, 2])
+    to_sphere = offset - displacement[:, :, None] * probe.direction  # from each tip's centre
+    normal = cross(to_sphere[:, 0] - to_sphere[:, 1], to_sphere[:, 0] - to_sphere[:, 2])
     height = np.einsum('nk,nk->n', to_sphere[:, 0], normal)
-    past: NDArray[np.bool_] = height * np.sign(normal @ direction.sum(axis=0)) > 0
+    past: NDArray[np.bool_] = height * np.sign(normal @ probe.direction.sum(axis=0)) > 0
     return past
 
 

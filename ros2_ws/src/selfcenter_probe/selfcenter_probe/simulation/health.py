@@ -22,6 +22,9 @@ class Level(IntEnum):
     STALE = 3
 
 
+STATUSES = np.array(list(Status))
+
+
 @dataclass(frozen=True)
 class Report:
     """Level, one line, and named values as text."""
@@ -46,8 +49,7 @@ class Health:
         if not len(readings):
             return
         self._readings += len(readings)
-        for status in Status:
-            self._seen[:, status] += (readings.status == status).sum(axis=0)
+        self._seen += (readings.status[:, :, None] == STATUSES).sum(axis=0)
         self._displacement, self._status = readings.displacement[-1], readings.status[-1]
 
     def report(self, seconds: float) -> Report:
