@@ -514,7 +514,7 @@ class CaptureNode(Node):
         where reading upon reading is, of a driver in mm, say, the run ends."""
         if not isinstance(self.probe, ActiveProbe):
             return True
-        stroke, size = np.abs(self.probe.stroke).max(), np.abs(reading.displacement).max()
+        size, stroke = max(map(abs, reading.displacement)), np.abs(self.probe.stroke).max()
         if size <= MANY_STROKES * stroke:
             self._odd = 0
             return True

@@ -29,7 +29,15 @@ from calib_model.descriptions import (
 )
 from calib_model.errors import ParameterError
 from calib_model.files import shared_file
-from calib_model.nodes import NodeCommand, Parameters, joints_of, qos_of, run_node, stamp_of
+from calib_model.nodes import (
+    NodeCommand,
+    Parameters,
+    joints_of,
+    lean_executor,
+    qos_of,
+    run_node,
+    stamp_of,
+)
 from calib_model.stamps import SECOND
 from calib_model.topics import (
     DIAGNOSTICS,
@@ -197,7 +205,7 @@ COMMAND = NodeCommand('selfcenter_probe', 'probe', ABOUT, EXAMPLE, read_paramete
 
 def main() -> int:
     """Run the node until it is told to stop; 2 when a parameter or a file cannot be used."""
-    return run_command(lambda: run_node(COMMAND, ProbeNode))
+    return run_command(lambda: run_node(COMMAND, ProbeNode, lean_executor))
 
 
 if __name__ == '__main__':
