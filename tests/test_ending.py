@@ -74,6 +74,16 @@ def test_a_signal_ends_it_at_any_moment_with_the_documented_code(name, tmp_path)
                 (tmp_path / 'out').rmdir()
 
 
+@pytest.mark.parametrize('name', ['solver', 'identify'])
+def test_ctrl_c_ends_also_what_a_script_has_put_into_the_background(name, tmp_path):
+    """Its shell has SIGINT ignored there, and the script says `kill -INT $!`."""
+    words, code = STARTED[name]
+    start = ' '.join([str(STANDIN), 'run', *map(str, words)])
+    script = f'{start} & sleep 1.7; kill -INT $!; wait $!'
+    ran = subprocess.run(['bash', '-c', script], cwd=tmp_path, timeout=PATIENCE, check=False)
+    assert ran.returncode == code
+
+
 def test_a_signal_when_the_work_is_done_changes_no_exit_code(tmp_path):
     """Python gives the signals back before it has taken its modules down."""
     for after in (0.01, 0.03):  # s after the last line

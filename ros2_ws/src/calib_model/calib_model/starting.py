@@ -32,7 +32,10 @@ def begin(room: str, code: int = INTERRUPTED) -> None:
         return
     _begun.add(room)
     for number in ENDING:
-        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+        ours = [signal.SIG_DFL, signal.default_int_handler]
+        if number == signal.SIGINT:  # a script's `node & kill -INT $!`: its shell has it ignored
+            ours.append(signal.SIG_IGN)
+        if signal.getsignal(number) in ours:
             signal.signal(number, lambda *_: os._exit(code))
     signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
 

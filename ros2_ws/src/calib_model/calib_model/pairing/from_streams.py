@@ -23,7 +23,7 @@ from calib_model.pairing.stop_and_go import (
     SteadySettings,
     still_as,
 )
-from calib_model.pairing.stops import SCATTER, StopFinder
+from calib_model.pairing.stops import SCATTER, StopFinder, UsualNoise
 from calib_model.pairing.streams import STEP_BACK, RawStreams, RecordedStreams, unbroken
 from calib_model.stamps import SECOND
 
@@ -111,7 +111,7 @@ def recorded_outcomes(
     """What `Pairing` makes of streams as they were received, and how many of their messages came
     too late; like it, this begins anew where the joints' stamps fall back."""
     outcomes: list[Outcome] = []
-    late = 0
+    late, usual = 0, UsualNoise()
     arm = np.zeros(len(recorded.joint_stamp), dtype=np.int64)
     step_back = max(STEP_BACK, round(settings.lateness * SECOND))
     begins = [stretch.start for stretch in unbroken(recorded.joint_stamp, arm, step_back)]
@@ -119,7 +119,7 @@ def recorded_outcomes(
     for begin, end in zip(numbers, numbers[1:], strict=False):
         readings = _Readings(recorded.received(begin, end), settings.lateness, step_back)
         late += readings.late
-        outcomes += standing_outcomes(readings.streams, settings, readings)
+        outcomes += standing_outcomes(readings.streams, settings, readings, usual)
     return outcomes, late
 
 
@@ -150,15 +150,20 @@ class _Readings:
 
 
 def standing_outcomes(
-    streams: RawStreams, settings: SteadySettings, readings: _Readings | None = None
+    streams: RawStreams,
+    settings: SteadySettings,
+    readings: _Readings | None = None,
+    usual: UsualNoise | None = None,
 ) -> Iterator[Outcome]:
-    """What `Pairing` makes of the streams, stop by stop; of `readings` in parts, if there are any.
+    """What `Pairing` makes of the streams, stop by stop; of `readings` in parts, if there are any,
+    and after what earlier ones told of their `usual` noise.
 
     Only the samples of a stop and the first after it decide on it, so `Pairing` is shown these.
     """
     t, q = streams.joint_stamp, streams.joints
     if len(t) < 2:
         return
+    usual = UsualNoise() if usual is None else usual
     gap, step = np.diff(t), np.abs(np.diff(q, axis=0)).max(axis=1)
     rule = still_as(settings)
     still = (gap <= rule.gap) & (step <= rule.max_speed * gap / SECOND + SCATTER)
@@ -175,13 +180,17 @@ def standing_outcomes(
                 deciding = streams
                 if readings is not None:
                     deciding = readings.deciding(stop.samples[-1].stamp, until)
-                yield from _stop(stop.samples, deciding, settings, until)
+                yield from _stop(stop.samples, deciding, settings, until, usual)
 
 
 def _stop(
-    samples: Sequence[JointSample], streams: RawStreams, settings: SteadySettings, end: int
+    samples: Sequence[JointSample],
+    streams: RawStreams,
+    settings: SteadySettings,
+    end: int,
+    usual: UsualNoise,
 ) -> list[Outcome]:
-    pairing = Pairing(settings)
+    pairing = Pairing(settings, usual)
     found = [outcome for sample in samples for outcome in pairing.add_joints(sample)]
     rows = np.searchsorted(streams.reading_stamp, [samples[0].stamp, end])
     for row in range(rows[0], min(rows[1] + 2, len(streams.reading_stamp))):

@@ -20,12 +20,13 @@ from numpy.typing import NDArray
 from calib_model.arrays import Array, frozen
 from calib_model.pairing.interpolation import interpolated
 from calib_model.pairing.readings import GRAVEST, JointSample, Reading, Reason, objections
-from calib_model.pairing.stops import MANY, SURE, Line, Stillness, Stop, StopFinder
+from calib_model.pairing.stops import MANY, SURE, Line, Stillness, Stop, StopFinder, UsualNoise
 from calib_model.pairing.streams import STEP_BACK
 from calib_model.stamps import SECOND
 
 WHITE = 1.5  # of their noise from one to the next: more is a swing
 NOISIEST = 5.0  # times the spread that is asked for
+FEW_DRIFT = 0.2  # of the spread: what few readings may drift, whatever their noise
 DRIFT = 1e-4  # rad over the dwell: an arm that moves so much is not averaged
 
 
@@ -82,10 +83,14 @@ def _stamp(sample: JointSample | Reading) -> int:
 
 
 class Pairing:
-    """Takes both streams message by message and gives an outcome for every stop of the arm."""
+    """Takes both streams message by message and gives an outcome for every stop of the arm.
 
-    def __init__(self, settings: SteadySettings) -> None:
+    `usual` is what earlier stops of the same streams told of the readings' noise.
+    """
+
+    def __init__(self, settings: SteadySettings, usual: UsualNoise | None = None) -> None:
         self.settings = settings
+        self._usual = UsualNoise() if usual is None else usual
         self.too_late = 0  # messages that came after their place had been passed
         self.steps_back = 0  # how often the joints' stamps began anew
         self._settle = round(settings.settle * SECOND)
@@ -223,18 +228,24 @@ class Pairing:
         if gravest < len(GRAVEST):
             return GRAVEST[gravest]
         stamps = np.array([reading.stamp for reading in readings])
-        return None if self._rest(stamps, displacement) else Reason.STYLI_UNSTEADY
+        rest = self._rest(stamps, displacement)
+        self._usual.see(displacement)
+        return None if rest else Reason.STYLI_UNSTEADY
 
     def _rest(self, stamps: NDArray[np.int64], displacement: Array) -> bool:
         """Whether the styli rest: their readings (K, 3) are not farther apart than `max_spread`,
-        or scatter more, but from reading to reading and not about a mean that moves."""
+        or scatter more, but from reading to reading and not about a mean that moves. The few of a
+        stop drift no more than is usual, either: the mean of three is off by a third of what the
+        first is."""
         most = self.settings.max_spread
-        if np.ptp(displacement, axis=0).max() <= most:
-            return True
-        if len(stamps) < MANY:
-            return False
         line = Line.of(stamps, displacement)
         seconds = float(stamps[-1] - stamps[0]) / SECOND
+        if len(stamps) < MANY:
+            usual = max(FEW_DRIFT * most, SURE * np.sqrt(2) * self._usual.known)
+            drift = np.abs(line.slope).max() * seconds
+            return bool(drift <= usual and np.ptp(displacement, axis=0).max() <= most)
+        if np.ptp(displacement, axis=0).max() <= most:
+            return True
         drift = (np.abs(line.slope) - SURE * line.slope_deviation) * seconds
         noisy = line.scatter <= np.minimum(WHITE * line.noise, NOISIEST * most)
         return bool((drift <= most).all() and (noisy | (line.scatter <= most / SURE)).all())

@@ -9,6 +9,7 @@ not swing about it more than from state to state.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -24,6 +25,7 @@ TOGETHER = 1e-3  # rad from the mean of a stop
 SURE = 4.0  # standard deviations
 MANY = 10  # states or readings whose noise can be told
 FEW = 1e-5  # rad that fewer may drift over the dwell beside their largest speed
+KEPT, TELLING = 200, 5  # stops that tell the usual noise of readings: at most, at least
 SWING = 5e-5  # rad of scatter that no arm is refused for: steps of coarse encoders
 
 
@@ -112,6 +114,25 @@ class Line:
     def at(self, stamp: int) -> Array:
         """The joints (n,) at a stamp, ns."""
         return frozen(self.mean + self.slope * ((stamp - self.stamp) / SECOND))
+
+
+class UsualNoise:
+    """What readings scatter from one to the next (m), told by the stops so far: the few of one stop
+    cannot tell their noise from a motion that ends among them."""
+
+    def __init__(self) -> None:
+        self._seen: deque[float] = deque(maxlen=KEPT)
+
+    def see(self, values: Array) -> None:
+        """The readings (K, 3) of a stop, m."""
+        if len(values) > 1:
+            steps = np.diff(values, axis=0)
+            self._seen.append(float(np.sqrt(np.mean(steps**2, axis=0) / 2).max()))
+
+    @property
+    def known(self) -> float:
+        """The median of the stops'; infinite as long as these are too few."""
+        return float(np.median(self._seen)) if len(self._seen) >= TELLING else np.inf
 
 
 class Stop:

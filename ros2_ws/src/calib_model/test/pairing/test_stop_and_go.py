@@ -260,3 +260,33 @@ def test_what_is_doubted_gives_no_pose_and_what_comes_after_does():
     poses = [each for each in outcomes if isinstance(each, SteadyPose)]
     assert len(poses) == 2
     assert min(each.stamp for each in poses) > ns(0.9)
+
+
+def few_readings(noise, stops=12, tail=None, off=0.0):
+    """Four readings in a dwell, that scatter by `noise` (m); at stop `tail` the first is `off`."""
+    joints, _ = streams(stops)
+    draw = np.random.default_rng(8)
+    readings = []
+    for t in np.arange(0.0, 0.6 * stops + 0.15, 1 / 30.0):
+        values = draw.normal(0.0, noise, 3)
+        cycle, into = divmod(t, 0.6)
+        if cycle == tail and 0.32 <= into <= 0.355:
+            values[1] += off
+        readings.append(Reading(ns(t), values, OK))
+    return joints, readings
+
+
+def test_few_readings_of_which_the_first_still_moved_are_refused_for_their_drift():
+    settings = SteadySettings(settle=0.02, dwell=0.1)
+    at_rest = fed(Pairing(settings), in_time(*few_readings(2e-7)))
+    assert all(isinstance(each, SteadyPose) for each in at_rest) and len(at_rest) == 12
+    for off in (7e-6, -1.2e-5):  # far less than the spread that is let pass
+        outcomes = fed(Pairing(settings), in_time(*few_readings(2e-7, tail=9, off=off)))
+        refused = [n for n, each in enumerate(outcomes) if isinstance(each, Refusal)]
+        assert refused == [9] and outcomes[9].reason is Reason.STYLI_UNSTEADY
+
+
+def test_few_readings_of_a_noisy_probe_are_not_taken_for_drift():
+    settings = SteadySettings(settle=0.02, dwell=0.1)
+    outcomes = fed(Pairing(settings), in_time(*few_readings(2.5e-6, stops=40)))
+    assert sum(isinstance(each, SteadyPose) for each in outcomes) >= 39
