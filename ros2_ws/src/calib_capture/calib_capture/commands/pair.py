@@ -36,6 +36,7 @@ from calib_model.pairing import (
     settings_of,
 )
 from calib_model.progress import Progress
+from calib_model.stamps import TIMED_BY, TIMED_BY_TOLD
 
 Settings = TypeVar('Settings', SteadySettings, HandGuidedSettings)
 
@@ -74,6 +75,7 @@ def pair(
     settings: SteadySettings,
     placements: Path | None = None,
     correct_clock: bool = False,
+    stamps: str = 'auto',
 ) -> PairedProgram:
     """Write the bag `out` of the poses paired anew from `raw`; whole or not at all.
 
@@ -84,13 +86,13 @@ def pair(
     """
     refuse_taken(out)
     places = None if placements is None else read_description(placements, parse_placements)
-    paired = paired_program(raw, settings, places, correct_clock, Progress(sys.stderr))
+    paired = paired_program(raw, settings, places, correct_clock, Progress(sys.stderr), stamps)
     _write(raw, out, paired.measured)
     return paired
 
 
 def pair_hand_guided_bag(
-    raw: Path, out: Path, note: HandGuidedRecord, correct_clock: bool = False
+    raw: Path, out: Path, note: HandGuidedRecord, correct_clock: bool = False, stamps: str = 'auto'
 ) -> PairedHandGuided:
     """Write the bag `out` of a led arm's poses paired anew from `raw`; whole or not at all.
 
@@ -100,7 +102,7 @@ def pair_hand_guided_bag(
         DataError: poses that do not fit the descriptions.
     """
     refuse_taken(out)
-    paired = paired_hand_guided(raw, note, correct_clock, Progress(sys.stderr))
+    paired = paired_hand_guided(raw, note, correct_clock, Progress(sys.stderr), stamps)
     _write(raw, out, paired.measured)
     return paired
 
@@ -129,6 +131,7 @@ def _pair() -> None:
         action='store_true',
         help='pair readings with the joints by the estimated offset between their clocks',
     )
+    parser.add_argument('--stamps', choices=TIMED_BY, default='auto', help=TIMED_BY_TOLD)
     parser.add_argument('--mode', choices=MODES, help='as captured')
     for name, text in (TOLD | OF_LED).items():
         parser.add_argument(
@@ -151,7 +154,7 @@ def _pair() -> None:
 
 def _standing(given: Namespace, note: Mapping[str, str]) -> PairedProgram:
     settings = _chosen(settings_of(note), given)
-    return pair(given.raw, given.out, settings, given.placements, given.correct_clock)
+    return pair(given.raw, given.out, settings, given.placements, given.correct_clock, given.stamps)
 
 
 def _led(given: Namespace, note: HandGuidedRecord | None) -> PairedHandGuided:
@@ -165,7 +168,7 @@ def _led(given: Namespace, note: HandGuidedRecord | None) -> PairedHandGuided:
             'say where the gauge stood (--placements)'
         )
     note = replace(note, settings=_chosen(note.settings, given))
-    return pair_hand_guided_bag(given.raw, given.out, note, given.correct_clock)
+    return pair_hand_guided_bag(given.raw, given.out, note, given.correct_clock, given.stamps)
 
 
 def _chosen(settings: Settings, given: Namespace) -> Settings:

@@ -34,12 +34,19 @@ class PairedHandGuided:
     clock: ClockOffset | None
     shift: int
     bridged: int = 0  # readings paired across missing joint states
+    remarks: tuple[str, ...] = ()
 
     def lines(self) -> list[str]:
         """The counts in words."""
         late = [f'{self.late_joints} joint states out of order'] if self.late_joints else []
         bridged = [BRIDGED.format(self.bridged)] if self.bridged else []
-        return [self.tally.line(), *late, *bridged, clock_line(self.clock, self.shift)]
+        return [
+            *self.remarks,
+            self.tally.line(),
+            *late,
+            *bridged,
+            clock_line(self.clock, self.shift),
+        ]
 
 
 def paired_hand_guided(
@@ -47,18 +54,20 @@ def paired_hand_guided(
     note: HandGuidedRecord,
     correct_clock: bool = False,
     progress: Progress | None = None,
+    stamps: str = 'auto',
 ) -> PairedHandGuided:
     """The poses of a hand-guided arm's bag, in time order, paired as `note` says.
 
     With `correct_clock` readings are paired at their stamps in the joints' clock, as far as the
     streams tell the offset; otherwise by the note's own shift. Poses keep the readings' stamps.
+    `stamps` says which count, as `read_raw` does.
 
     Raises:
         BagError: no bag, a topic missing or not readable, or no pose comes of it.
         DescriptionError: a description in the bag cannot be used.
         DataError: poses that do not fit the descriptions.
     """
-    raw = read_recording(path, progress)
+    raw = read_recording(path, progress, stamps)
     clock = raw.clock()
     shift = note.shift
     if correct_clock:
@@ -77,7 +86,9 @@ def paired_hand_guided(
     if not poses:
         raise BagError(f'{path}: no pose comes of it: {run.tally.line()}')
     measured = Measurement(raw.arm, raw.probe, raw.gauge, _probing_set(poses), str(path)).checked()
-    return PairedHandGuided(measured, run.tally, late_joints, clock, shift, gaps.bridged)
+    return PairedHandGuided(
+        measured, run.tally, late_joints, clock, shift, gaps.bridged, raw.remarks
+    )
 
 
 def _probing_set(poses: list[HandGuidedPose]) -> ProbingSet:

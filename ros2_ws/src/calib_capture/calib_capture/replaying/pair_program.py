@@ -46,10 +46,11 @@ class PairedProgram:
     refused: Counter[str] = field(default_factory=Counter)
     too_late: int = 0
     clock: ClockOffset | None = None
+    remarks: tuple[str, ...] = ()
 
     def lines(self) -> list[str]:
         """The counts in words."""
-        lines = []
+        lines = list(self.remarks)
         if self.recorded:
             lines.append(f'{self.recorded} poses were recorded, {self.missed} have no pose now')
         if self.unknown:
@@ -70,20 +71,21 @@ def paired_program(
     placements: Mapping[int, RigidTransform] | None = None,
     correct_clock: bool = False,
     progress: Progress | None = None,
+    stamps: str = 'auto',
 ) -> PairedProgram:
     """The poses of a bag paired anew with `settings`, in time order.
 
     The recorded poses say which sphere each belongs to; with `placements` (`T_base_gauge`) the
     nominal centres of the spheres do. With `correct_clock` readings are paired at their stamps in
     the joints' clock, as far as the streams tell the offset; poses keep the readings' stamps.
-    `progress` hears how far it is.
+    `progress` hears how far it is. `stamps` says which count, as `read_raw` does.
 
     Raises:
         BagError: no bag, a topic missing or not readable, or no pose comes of it.
         DescriptionError: a description in the bag cannot be used.
         DataError: poses that do not fit the descriptions.
     """
-    raw = read_recording(path, progress)
+    raw = read_recording(path, progress, stamps)
     if raw.poses is None and placements is None:
         raise BagError(
             f'{path}: no {CAPTURE_POSES.name} to say which spheres were probed, '
@@ -114,9 +116,8 @@ def paired_program(
     measured = Measurement(raw.arm, raw.probe, raw.gauge, _probing_set(known), str(path)).checked()
     refused = Counter(each.reason.value for each in outcomes if isinstance(each, Refusal))
     missed = recorded - len(known) if placements is None else 0
-    return PairedProgram(
-        measured, recorded, missed, len(steady) - len(known), refused, too_late, clock
-    )
+    unknown = len(steady) - len(known)
+    return PairedProgram(measured, recorded, missed, unknown, refused, too_late, clock, raw.remarks)
 
 
 def _nominal(

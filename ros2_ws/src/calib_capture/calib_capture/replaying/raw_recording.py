@@ -17,13 +17,15 @@ from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS, RawTopics
 
 @dataclass(frozen=True)
 class RawRecording:
-    """Descriptions, streams as they were received, and the recorded poses, if there are any."""
+    """Descriptions, streams as they were received, and the recorded poses, if there are any;
+    `remarks` on how they were read."""
 
     arm: Arm
     probe: Probe
     gauge: Gauge
     streams: RecordedStreams
     poses: ProbingSet | None
+    remarks: tuple[str, ...] = ()
 
     def clock(self) -> ClockOffset | None:
         """What the streams tell of the offset between their clocks."""
@@ -32,8 +34,11 @@ class RawRecording:
         return estimate_clock_offset(self.arm, self.probe, self.gauge, ordered)
 
 
-def read_recording(path: Path, progress: Progress | None = None) -> RawRecording:
-    """The raw topics of a bag; `progress` hears how far it is.
+def read_recording(
+    path: Path, progress: Progress | None = None, stamps: str = 'auto'
+) -> RawRecording:
+    """The raw topics of a bag by the `stamps` that count, as `read_raw` says; `progress` hears how
+    far it is.
 
     Raises:
         BagError: no bag, a topic missing or not readable, or a description that changes within it.
@@ -44,9 +49,8 @@ def read_recording(path: Path, progress: Progress | None = None) -> RawRecording
         if topics and topic.name not in topics:
             raise BagError(f'{path}: no raw messages on {topic.name}, nothing to pair')
     pace = Pace(progress, f'reading {path}', 'MB', 1e6)
-    bag = read_raw(path, RawTopics(), pace, with_poses=True)
+    bag = read_raw(path, RawTopics(), pace, with_poses=True, stamps=stamps)
     pace.end()
-    arm = bag.described.arm()
-    return RawRecording(
-        arm, bag.described.probe(), bag.described.gauge(), bag.recorded(arm.joint_names), bag.poses
-    )
+    arm, probe, gauge = bag.described.arm(), bag.described.probe(), bag.described.gauge()
+    recorded = bag.recorded(arm.joint_names)
+    return RawRecording(arm, probe, gauge, recorded, bag.poses, tuple(bag.lines))

@@ -135,3 +135,20 @@ def test_commands_report_counts_and_end_with_three_where_something_is_missing(
     assert f'{poses} poses were recorded, 0 have no pose now' in out.out
     code, out = said(monkeypatch, capsys, pair_command.main, RECORDED, tmp_path / 'p')
     assert (code, out.err) == (2, f'{tmp_path}/p: exists already, a bag is never overwritten\n')
+
+
+def test_a_bag_whose_headers_tell_no_time_goes_by_when_it_was_recorded(live, config, tmp_path):
+    topics = {t.name: t for t in (*DESCRIPTIONS, JOINT_STATES, PROBE_DISPLACEMENTS)}
+    with BagWriter(tmp_path / 'unstamped') as bag:
+        for m in read_messages(RECORDED, set(topics)):
+            data, logged = m.data, m.log_time
+            if topics[m.topic] in (JOINT_STATES, PROBE_DISPLACEMENTS):
+                logged = cdr.stamp_of(cdr.decode(m.type, data))
+                data = data[:4] + bytes(8) + data[12:]
+            bag.write(topics[m.topic], data, logged, logged)
+    places = config / 'locations' / 'kr5.yaml'
+    paired = pair(tmp_path / 'unstamped', tmp_path / 'out', SteadySettings(), places)
+    assert_same(tmp_path / 'out', live)
+    assert 'go by when they were recorded (--stamps record)' in paired.lines()[0]
+    with pytest.raises(BagError, match='no stamps, they are all 0'):
+        pair(tmp_path / 'unstamped', tmp_path / 'o', SteadySettings(), places, stamps='header')

@@ -55,14 +55,18 @@ class RawBag:
     def recorded(self, names: Sequence[str]) -> RecordedStreams:
         """The streams as they were received, with the joints of these names, in this order; joint
         states that lack one of them, or have no number for it, are left out, and joints that come
-        in several messages are put together."""
+        in several messages are put together.
+
+        Raises:
+            BagError: no joint state has them all, or a stream's stamps are all 0.
+        """
         part = self._whole(names) or self._spread(names)
         states = _rows(part.number, _usable(part.joints))
         read = _joined([block.displacement for block in self._readings], np.zeros((0, 3)))
         number = _joined([block.rows for block in self._readings])
         read[~_usable(read)] = np.nan
         readings = _rows(number, np.ones(len(number), dtype=np.bool_))
-        return RecordedStreams(
+        recorded = RecordedStreams(
             part.number[states],
             part.stamp[states],
             part.joints[states],
@@ -71,6 +75,10 @@ class RawBag:
             read[readings],
             _joined([block.status for block in self._readings], NO_STATUS)[readings],
         )
+        self._refuse_stamps(recorded.joint_stamp, self.topics.joint_states)
+        if self.has_readings:
+            self._refuse_stamps(recorded.reading_stamp, self.topics.displacements)
+        return recorded
 
     def _whole(self, names: Sequence[str]) -> Part | None:
         """The joint states that have all of the joints; None: there are none."""
@@ -111,9 +119,6 @@ class RawBag:
             BagError: no joint state has them all, or the streams cannot belong together.
         """
         recorded = self.recorded(names)
-        self._refuse_stamps(recorded.joint_stamp, self.topics.joint_states)
-        if self.has_readings:
-            self._refuse_stamps(recorded.reading_stamp, self.topics.displacements)
         parts = [part.ordered(lateness) for part in recorded.stretches()]
         used = [part for part in parts if _together(part) or not self.has_readings]
         if not used:

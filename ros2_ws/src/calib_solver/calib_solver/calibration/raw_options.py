@@ -8,7 +8,7 @@ from argparse import Namespace
 from calib_model import labelling
 from calib_model.bounds import PAIRING
 from calib_model.command_line import CommandParser, UsageError, number_from
-from calib_model.stamps import TIMED_BY
+from calib_model.stamps import TIMED_BY, TIMED_BY_TOLD
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS, RawTopics
 
 MOTIONS = {'auto': None, 'standing': True, 'led': False}
@@ -61,8 +61,7 @@ def add_raw_arguments(parser: CommandParser) -> None:
         '--stamps',
         default='auto',
         metavar='HOW',
-        help="header: what the messages' headers say counts; record: when they were recorded; "
-        'auto (default): the latter where headers tell no time',
+        help=TIMED_BY_TOLD,
     )
     for name, text in SETTINGS.items():
         group.add_argument(
