@@ -12,22 +12,28 @@ from numpy.typing import NDArray
 from calib_capture.motion.interpolated_motion import Fault, InterpolatedMotion, MotionState
 from calib_capture.motion.limits import MotionLimits
 from calib_capture.motion.trajectory import Trajectory, TrajectoryError
+from calib_model.arrays import Array
 from calib_model.instruments import Arm
 from calib_model.stamps import SECOND
 
 
 class StrictController:
-    """The commanded state of an arm in its own time, ns.
+    """The commanded state of an arm in its own time, ns, that begins at `start` (n,).
 
     After a fault it stands where that happened and takes nothing more. `tell` hears of it.
     """
 
     def __init__(
-        self, arm: Arm, limits: MotionLimits, now: int, tell: Callable[[str], None]
+        self,
+        arm: Arm,
+        limits: MotionLimits,
+        now: int,
+        tell: Callable[[str], None],
+        start: Array | None = None,
     ) -> None:
         self._names, self._limits, self._tell = arm.joint_names, limits, tell
-        lower, upper = arm.limits.T
-        self._motion = InterpolatedMotion.resting(np.clip(np.zeros(arm.n), lower, upper))
+        zero = np.clip(np.zeros(arm.n), *arm.limits.T)
+        self._motion = InterpolatedMotion.resting(zero if start is None else start)
         self._began = now
         self._fault: Fault | None = None
         self.failed = ''  # what stopped the arm for good

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-from calib_capture.default_files import configured, explained
+from calib_capture.default_files import CONFIGURED_BY, FILES, configured, explained
 from calib_capture.motion import (
     MotionLimits,
     StrictController,
@@ -31,9 +31,19 @@ from calib_capture.motion import (
 from calib_capture.nodes.messages import joint_state, points_of
 from calib_capture.nodes.trajectory_action import serve_goals
 from calib_capture.recording import read_trajectory_cdr
-from calib_model.arrays import Array
+from calib_model.arrays import Array, frozen
 from calib_model.command_line import run_command
-from calib_model.descriptions import SIMULATED, Standing, arm_yaml, parse_arm, standing_yaml
+from calib_model.descriptions import (
+    SIMULATED,
+    Standing,
+    arm_yaml,
+    parse_arm,
+    parse_gauge,
+    parse_probe,
+    standing_yaml,
+)
+from calib_model.errors import ParameterError
+from calib_model.files import shared_file
 from calib_model.instruments import Arm
 from calib_model.nodes import NodeCommand, Parameters, lean_executor, qos_of, run_node, stamp_of
 from calib_model.stamps import SECOND
@@ -65,6 +75,10 @@ ACCELERATION, JERK = 10.0, 100.0  # rad/s^2, rad/s^3: what a small industrial ar
 SETTLED, READ = 6, 3  # states: for the last of a motion to be over, and to see that it is
 NOISE, STEP = 5e-7, 2 * np.pi / 2**21  # rad: an encoder of 21 bits
 CONTROLLER_TEXT = 'name of the controller: topic and action of the commands are named by it'
+START_TEXT = (
+    'rad (m of a rail) of the joints to begin at; empty: zeros, or, where arm or floor would be '
+    'touched there, a posture that is free'
+)
 STEPPED_PATIENCE = 0.2  # s before an arm counts as at rest, not as waiting for the next goal
 
 
@@ -75,7 +89,7 @@ def _nothing(_: float) -> None:
 @dataclass(frozen=True)
 class ArmParameters:
     """What the arm is told at the start; `rate` is in Hz of the wall clock, `noise` and `step` of
-    the encoders in rad of the joint."""
+    the encoders in rad of the joint; it begins at `start` (n,), None: at zero."""
 
     arm: Arm
     rate: float
@@ -84,6 +98,7 @@ class ArmParameters:
     noise: float
     step: float
     controller: str
+    start: Array | None
 
 
 def read_parameters(
@@ -112,9 +127,31 @@ def read_parameters(
     text = 'rad, step of the encoders, 0: none'
     step = parameters.number('step', STEP, text, 0.0, 0.1)
     controller = parameters.text('controller', CONTROLLER, CONTROLLER_TEXT)
+    start = parameters.numbers('start', (), START_TEXT)
     arm = configured('arm', path, parse_arm)
     limits = motion_limits(arm, acceleration, jerk)
-    return ArmParameters(arm, rate, scale, limits, noise, step, controller)
+    begins = _begins(arm, start) if start or path else None
+    return ArmParameters(arm, rate, scale, limits, noise, step, controller, begins)
+
+
+def _begins(arm: Arm, start: Sequence[float]) -> Array | None:
+    """The posture (n,) to begin at, None for zero."""
+    if start:
+        posture = frozen(start)
+        if len(start) != arm.n or (posture != np.clip(posture, *arm.limits.T)).any():
+            raise ParameterError(
+                f"parameter 'start': expected {arm.n} joint positions within the limits of "
+                f'{arm.name}, got {", ".join(f"{each:g}" for each in start)}'
+            )
+        return posture
+    if shared_file(CONFIGURED_BY, FILES['probe'][0]) is None:
+        return None
+    from calib_capture.program import (
+        posture_to_begin_in,  # loads what plans: not for the shipped arm
+    )
+
+    probe, gauge = configured('probe', '', parse_probe), configured('gauge', '', parse_gauge)
+    return posture_to_begin_in(arm, probe, gauge)
 
 
 class ArmNode(Node):
@@ -138,7 +175,9 @@ class ArmNode(Node):
         self._time = time.time_ns()  # of the last published state, in the arm's own time
         self._wall = time.monotonic_ns()
         log = self.get_logger()
-        self.controller = StrictController(self._arm, given.limits, self._time, log.error)
+        self.controller = StrictController(
+            self._arm, given.limits, self._time, log.error, given.start
+        )
         self._steps: list[int] = []
         self._rested = 0.0
         topic = commanded(given.controller)

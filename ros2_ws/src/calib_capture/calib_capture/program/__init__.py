@@ -10,6 +10,9 @@ if TYPE_CHECKING:
         branch_names as branch_names,
         joints_of as joints_of,
     )
+    from calib_capture.program.free_posture import (
+        posture_to_begin_in as posture_to_begin_in,
+    )
     from calib_capture.program.listing import (
         program_text as program_text,
     )

@@ -106,9 +106,10 @@ class Parameters:
     def numbers(
         self, name: str, default: Sequence[float], about: str, changed: Changed | None = None
     ) -> tuple[float, ...]:
-        """Numbers with a decimal point."""
+        """Numbers with a decimal point; none where nothing is given and no default."""
         descriptor = ParameterDescriptor(description=about)
-        return tuple(self._declared(name, list(default), descriptor, _tuple, changed))
+        kind = list(default) or Parameter.Type.DOUBLE_ARRAY
+        return tuple(self._declared(name, kind, descriptor, _tuple, changed))
 
     def texts(self, name: str, default: Sequence[str], about: str) -> tuple[str, ...]:
         """Texts; empty ones are left out, for ROS cannot tell of what kind an empty list is."""

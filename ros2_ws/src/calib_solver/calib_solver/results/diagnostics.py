@@ -93,14 +93,21 @@ def prior_words(record: dict[str, Any]) -> str:
     times = {one['kind']: one['times'] for one in record['widths']}
     if not times:
         return f'The prior draws parameters to nominal with strength {record["strength"]:g}.'
-    widths = ', '.join(f'{KINDS.get(kind, kind)} {size:.2g}' for kind, size in times.items())
+    widths = ', '.join(
+        f'{KINDS.get(kind, kind)} {_two_digits(size)}' for kind, size in times.items()
+    )
     text = f'The prior is as wide as the poses say, times what is usual: {widths}.'
     far = [
-        f"this arm's {KINDS[kind]} are {times[kind]:.2g} times"
+        f"this arm's {KINDS[kind]} are {_two_digits(times[kind])} times"
         for kind in KINDS
         if times.get(kind, 0.0) > FURTHER
     ]
     return f'{text} Further off than is usual: {", ".join(far)}.' if far else text
+
+
+def _two_digits(size: float) -> str:
+    """Without an exponent, as people write it."""
+    return f'{float(f"{size:.2g}"):g}'
 
 
 def finite(value: float) -> float | None:
