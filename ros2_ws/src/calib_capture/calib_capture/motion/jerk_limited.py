@@ -9,7 +9,6 @@ quintic polynomials the very motion.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -136,20 +135,14 @@ def timed(velocity: float, acceleration: float, jerk: float) -> list[Phase]:
     return phases
 
 
-@cache
-def _way() -> tuple[ruckig.Ruckig, ruckig.InputParameter]:
-    """What is asked of every way, and who is asked."""
+def _profile(velocity: float, acceleration: float, jerk: float) -> ruckig.Profile:
+    # objects of ruckig that are kept to the end of the process are told of as leaks
     asked = ruckig.InputParameter(1)
     asked.current_position, asked.target_position = [0.0], [1.0]
-    return ruckig.Ruckig(1), asked
-
-
-def _profile(velocity: float, acceleration: float, jerk: float) -> ruckig.Profile:
-    planner, asked = _way()
     asked.max_velocity, asked.max_acceleration = [velocity], [acceleration]
     asked.max_jerk = [jerk]
     found = ruckig.Trajectory(1)
-    if planner.calculate(asked, found) != ruckig.Result.Working:
+    if ruckig.Ruckig(1).calculate(asked, found) != ruckig.Result.Working:
         raise MotionError(
             f'no motion within {velocity:g}/s, {acceleration:g}/s^2 and {jerk:g}/s^3 of a way'
         )
