@@ -17,6 +17,7 @@ from calib_model.bags import write_measurement
 #: against an interpreter that has loaded numpy
 HELP_LIMIT, IDENTIFY_LIMIT = 1.5, 3.0
 BARE, HELP, IDENTIFY = 'python, numpy imported', 'identify --help', 'identify BAG'
+DEMO_LIMIT = 60.0  # s, after set-up
 MODULE = [sys.executable, '-m', 'calib_solver.commands.identify']
 
 
@@ -42,6 +43,16 @@ def whole_command(poses: int, rounds: int) -> Part:
         Target(f'{IDENTIFY} against numpy', best[IDENTIFY] / best[BARE], IDENTIFY_LIMIT),
     )
     return Part(f'the whole command on a bag of {poses} poses, active probe', rows, targets)
+
+
+def whole_demo() -> Part:
+    """Seconds of `make demo` where all is set up, once."""
+    with TemporaryDirectory() as folder:
+        output = ['--output', str(Path(folder) / 'out')]
+        bare = _run([sys.executable, '-c', 'import numpy'])()
+        seconds = _run([sys.executable, '-m', 'calib_bringup.demo', *output])()
+    rows = (Row(BARE, bare, 1.0, BARE), Row('the demo', seconds, seconds / bare, BARE))
+    return Part('the demo, once', rows, (Target('seconds of the demo', seconds, DEMO_LIMIT),))
 
 
 def _run(command: list[str]) -> Callable[[], float]:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from benchmarks.command import whole_command
+from benchmarks.command import whole_command, whole_demo
 from benchmarks.graph import stepped_capture, streams
 from benchmarks.identification import whole_identification
 from benchmarks.kernel import against_numpy
@@ -60,12 +60,13 @@ PARTS: dict[str, Callable[[Given], Part]] = {
     'identify': lambda given: whole_identification(given.poses, given.rounds),
     'scale': lambda given: scale(tuple(given.sizes), min(given.rounds, FEW_ROUNDS - 2)),
     'command': lambda given: whole_command(given.poses, min(given.rounds, FEW_ROUNDS)),
+    'demo': lambda given: whole_demo(),
     'pairing': lambda given: hand_guided_recording(min(given.rounds, FEW_ROUNDS)),
     'capture': lambda given: stepped_capture(),
     'streams': lambda given: streams(),
 }
 #: these take a recording or the graph a minute each: only when asked for
-ASKED_FOR = ('pairing', 'capture', 'streams')
+ASKED_FOR = ('demo', 'pairing', 'capture', 'streams')
 
 
 def run(given: Given) -> Iterator[tuple[str, Part]]:

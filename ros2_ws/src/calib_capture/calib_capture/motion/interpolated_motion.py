@@ -29,7 +29,7 @@ POWERS = 6
 
 
 class MotionState(NamedTuple):
-    """Commanded position, velocity and acceleration (n,), rad, rad/s, rad/s^2."""
+    """Commanded position, velocity and acceleration (..., n), rad, rad/s, rad/s^2."""
 
     position: Array
     velocity: Array
@@ -37,8 +37,8 @@ class MotionState(NamedTuple):
 
     @classmethod
     def resting(cls, at: Array) -> MotionState:
-        """At rest in a posture (n,)."""
-        return cls(at, np.zeros(len(at)), np.zeros(len(at)))
+        """At rest in a posture (..., n)."""
+        return cls(at, np.zeros_like(at), np.zeros_like(at))
 
 
 @dataclass(frozen=True)
@@ -89,12 +89,18 @@ class InterpolatedMotion:
 
     def positions_at(self, seconds: Array) -> Array:
         """Commanded positions (..., n) at instants (...)."""
+        return self.states_at(seconds).position
+
+    def states_at(self, seconds: Array) -> MotionState:
+        """What is commanded at instants (...), each field (..., n)."""
         if not len(self._pieces):
-            return np.broadcast_to(self.positions[-1], (*seconds.shape, self.positions.shape[1]))
+            there = np.broadcast_to(self.positions[-1], (*seconds.shape, self.positions.shape[1]))
+            return MotionState.resting(there)
         within = np.clip(seconds, self.seconds[0], self.seconds[-1])
         piece = np.searchsorted(self.seconds, within, side='right') - 1
         piece = np.clip(piece, 0, len(self._pieces) - 1)
-        return derivatives(self._pieces[piece], within - self.seconds[piece])[0]
+        p, v, a, _ = derivatives(self._pieces[piece], within - self.seconds[piece])
+        return MotionState(p, v, a)
 
     def leg(self, seconds: float) -> tuple[Array, Array]:
         """Where it was at rest before, and where it is at rest next."""

@@ -36,7 +36,7 @@ def limits(n=1, velocity=2.0, acceleration=8.0, jerk=60.0):
 
 
 def sampled(motion, step=1e-3):
-    return [motion.at(t) for t in np.arange(0.0, motion.duration, step)]
+    return motion.states_at(np.arange(0.0, motion.duration, step))
 
 
 def resting(at):
@@ -92,7 +92,7 @@ def test_legs_keep_all_limits_between_points_and_stay_on_their_straight_lines(se
         leg.rest(0.05)
     motion = InterpolatedMotion(resting(here), leg.trajectory())
     assert motion.first_fault(allowed, tuple('abcdefgh'[:n])) is None
-    q, v, a = (np.array(rows) for rows in zip(*sampled(motion), strict=True))
+    q, v, a = sampled(motion)
     assert (np.abs(v) <= allowed.velocity * (1 + 1e-6)).all()
     assert (np.abs(a) <= allowed.acceleration * (1 + 1e-6)).all()
     assert (np.abs(np.diff(a, axis=0)) <= 1e-3 * allowed.jerk * (1 + 1e-3) + 1e-9).all()
@@ -176,7 +176,7 @@ def test_a_stop_keeps_the_limits_and_the_leg_whenever_it_arrives(seed):
     passed = motion.leg(late + 0.03)
     way = passed[1] - passed[0]
     if np.abs(way).max() > 1e-3:
-        gone = [(each.position - passed[0]) @ way / (way @ way) for each in sampled(stopping)]
+        gone = [(each - passed[0]) @ way / (way @ way) for each in sampled(stopping).position]
         assert max(gone) <= 1 + 3e-4 / np.abs(way).max()
 
 
