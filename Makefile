@@ -72,10 +72,11 @@ docs:
 	  -r requirements-docs.txt
 	@NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs --quiet build --strict && echo output/docs/index.html
 
-# A file of tests at a time on each worker: what they share is set up once, graphs keep apart.
+# A file of tests at a time on each worker: what they share is set up once, graphs keep apart. One
+# worker more than cores, as tests of processes wait much of the time.
 test: lint
 	@echo 'test: every test, ten to fifteen minutes on 2 cores; `make unit` takes one'
-	@source ./env.bash && python -m pytest -n auto --maxprocesses 4 --dist loadfile
+	@source ./env.bash && python -m pytest -n $$(($$(nproc) > 3 ? 4 : $$(nproc) + 1)) --dist loadfile
 
 # What starts no process and no graph and is quick, for between two edits. One thread each, as the
 # tests themselves go side by side.
@@ -87,7 +88,7 @@ unit:
 # Faults and load for as long as it takes to trust them; the last figures go to docs/soak.md.
 soak: lint
 	@rm -f output/soak.json
-	@source ./env.bash && export SOAK=1 FAULT_ROUNDS=15 CAPTURE_KILLS=20 CAPTURE_KILLS_SEED=1 && \
+	@source ./env.bash && export SOAK=1 FAULT_ROUNDS=30 CAPTURE_KILLS=20 CAPTURE_KILLS_SEED=1 && \
 	python -m pytest tests/test_load.py tests/test_faults_*.py \
 	  ros2_ws/src/calib_capture/test/recording/test_resume.py
 

@@ -101,7 +101,7 @@ def test_a_description_is_refused_or_gives_figures_that_are_numbers(name: str) -
         assert parse(written(found)) == found
         numbers_only(replace(measured(), **{name: found}).checked(), rng)
 
-    well, refused = outcomes(name, 150, read)
+    well, refused = outcomes(name, 75, read)
     assert well and refused > 50
 
 
@@ -120,7 +120,7 @@ def test_other_yaml_is_refused_or_read(name: str) -> None:
     if isinstance(text, Path):
         text = sorted(text.parent.glob('*.yaml'))[0].read_text()
     parse(text)
-    well, refused = outcomes(name, 200, lambda rng: parse(changed_yaml(text, rng), 'mine.yaml'))
+    well, refused = outcomes(name, 100, lambda rng: parse(changed_yaml(text, rng), 'mine.yaml'))
     assert well and refused > 20
 
 
@@ -171,8 +171,8 @@ def test_a_bag_that_was_damaged_never_reads_as_another(tmp_path: Path) -> None:
             ours = getattr(expected, column.name)[: len(found.poses)]
             assert (getattr(found.poses, column.name) == ours).all(), column.name
 
-    well, refused = outcomes('bag', 400, read)
-    assert well and refused > 200
+    well, refused = outcomes('bag', 200, read)
+    assert well and refused > 100
 
 
 @pytest.mark.slow
@@ -208,7 +208,7 @@ def test_messages_of_any_content_are_refused_or_give_figures_that_are_numbers(
         damaged_bags.with_odd_messages(measured(), path, rng)
         numbers_only(read_measurement(path), rng)
 
-    well, refused = outcomes('messages', 150, read)
+    well, refused = outcomes('messages', 75, read)
     assert well and refused > 40
 
 
@@ -259,7 +259,7 @@ def test_an_sqlite_bag_of_any_content_is_refused_or_read(tmp_path: Path) -> None
         numbers_only(read_measurement(file), rng)
 
     assert len(read_measurement(tmp_path / 'whole').poses) == len(measured().poses)
-    well, refused = outcomes('sqlite', 100, read)
+    well, refused = outcomes('sqlite', 50, read)
     assert well and refused
 
 
@@ -318,7 +318,7 @@ def test_a_table_of_any_content_is_refused_or_read(tmp_path: Path) -> None:
         poses = read_table(file, m.arm, m.probe, m.gauge)
         numbers_only(replace(m, poses=poses).checked(), rng)
 
-    well, refused = outcomes('table', 400, read)
+    well, refused = outcomes('table', 200, read)
     assert well and refused > 100
 
 
@@ -354,7 +354,7 @@ def test_a_urdf_of_any_content_is_refused_or_read_exactly() -> None:
         assert np.isfinite(forward_kinematics(arm, np.zeros((1, arm.n)))).all()
         with_origins(text, {arm.joint_names[0]: np.eye(4)}, 'my.urdf')
 
-    well, refused = outcomes('urdf', 120, read)
+    well, refused = outcomes('urdf', 60, read)
     assert well and refused > 30
 
 

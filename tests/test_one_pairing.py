@@ -228,7 +228,7 @@ def disordered(
     return [sent[i] for i in np.argsort([m.stamp for m in sent] + np.array(delay))]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(**DISORDER)
 def test_stops_are_paired_of_a_recording_as_they_are_live(
     demo: RecordedStreams, seed: int, lost: float, late: int, lateness: float, back: int
@@ -260,7 +260,7 @@ def recorded(messages: list[Message]) -> RecordedStreams:
     )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=35, deadline=None)
 @given(**DISORDER, shift=st.sampled_from([0, -3_000_000]))
 def test_readings_are_paired_of_a_recording_as_they_are_live(
     seed: int, lost: float, late: int, lateness: float, back: int, shift: int

@@ -203,23 +203,31 @@ def _end(process: BaseProcess) -> None:
 
 
 def _work(sender: Connection, work: Work, request: dict[str, Any], opened: Opened) -> None:
-    """In a worker."""
+    """In a worker, which may be told to end at any moment."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is the node's to answer Ctrl-C
-    signal.signal(signal.SIGTERM, _interrupted)
+    try:
+        signal.signal(signal.SIGTERM, _interrupted)
+        try:
+            sender.send(_answered(work, request, opened))
+        finally:
+            signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    except KeyboardInterrupt:
+        return
+
+
+def _answered(
+    work: Work, request: dict[str, Any], opened: Opened
+) -> tuple[dict[str, Any] | None, str | None]:
+    """The record of the work, or why there is none."""
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
     threading.Thread(target=_end_with_parent, daemon=True).start()
     try:
         with confined(opened.reading, opened.writing):
-            record = work(SimpleNamespace(**request), opened)
-        sender.send((record, None))
+            return work(SimpleNamespace(**request), opened), None
     except CalibrationError as error:
-        sender.send((None, str(error)))
+        return None, str(error)
     except MemoryError as error:
-        sender.send((None, f'not enough memory: {error}'.rstrip(': ')))
-    except KeyboardInterrupt:
-        return
-    finally:
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        return None, f'not enough memory: {error}'.rstrip(': ')
 
 
 def _interrupted(number: int, frame: object) -> None:
