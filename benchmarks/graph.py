@@ -103,6 +103,7 @@ def stepped_capture(rounds: int = 3) -> Part:
                     'poses_per_sphere': 200,
                     'pool': 1,
                     'locations': [1, 2],
+                    'between_locations': 'simulated',
                 },
             )
             children.wait(capture, PATIENCE)

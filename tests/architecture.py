@@ -58,6 +58,7 @@ BASE = {
     'lazy',
     'blas_threads',
     'starting',
+    'typed_lines',
 }
 #: a room's modules that others use under the module's name, as `cdr.decode`
 HANDED_ON_WHOLE = {'calib_model.bags.cdr'}

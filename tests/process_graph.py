@@ -40,11 +40,14 @@ class Graph:
         self.world = folder / 'world.yaml'
         self.world.write_text('seed: 1\nnoise: none\n')  # and nothing is off
 
-    def start(self, name: str, module: str, *more: str, **parameters: object) -> Child:
+    def start(
+        self, name: str, module: str, *more: str, terminal: int | None = None, **parameters: object
+    ) -> Child:
         given = ['--ros-args', *more]
         for key, value in parameters.items():
             given += ['-p', f'{key}:={value}']
-        child = Child(name, module, given, self.env, self.folder / f'{name}.log')
+        log = self.folder / f'{name}.log'
+        child = Child(name, module, given, self.env, log, terminal=terminal)
         return self._children.start(child)
 
     def arm(self, name: str = 'arm', *more: str, scale: float = 5.0, **described: object) -> Child:

@@ -240,6 +240,7 @@ def test_a_disk_that_fills_during_a_capture_costs_no_pose_that_was_told_of(
             'calib_capture.nodes.capture_node',
             output=disk / 'bag',
             locations='[1, 2, 3]',
+            between_locations='simulated',
             spheres='[1, 6, 10, 14]',
             poses_per_sphere=60,
             pool=1,

@@ -109,6 +109,7 @@ class Demo:
                     'seed': self.seed,
                     'poses_per_sphere': self.poses,
                     'pool': 1,
+                    'between_locations': 'simulated',
                     'output': name,
                     **paths('placements'),
                 }

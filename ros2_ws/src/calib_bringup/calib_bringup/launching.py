@@ -48,6 +48,7 @@ DEMO = (
 CAPTURE = (
     OUTPUT,
     Argument('locations', 'to visit, as [1, 2]; empty: all that have a place'),
+    Argument('between_locations', 'wait, go or simulated; empty: wait', text=True),
     Argument('spheres', 'to probe, as [1, 6]; empty: four spread over the gauge'),
     Argument('poses_per_sphere', 'postures around each sphere', '60'),
     Argument('placements', 'path of a YAML file: where the gauge stands', text=True),

@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import ctypes
+import fcntl
 import os
 import signal
 import subprocess
 import sys
+import termios
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -35,10 +37,17 @@ def _end_with_parent() -> None:
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
+def _on_terminal() -> None:
+    """Be in front on the terminal that is read."""
+    _end_with_parent()
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
+
 class Child:
     """A Python module run as a process in the folder of its log.
 
-    What it prints goes to the log too, unless it is to be `shown`.
+    What it prints goes to the log too, unless it is to be `shown`. It reads what is typed on a
+    `terminal`, given as a file descriptor, where there is one.
     """
 
     def __init__(
@@ -49,18 +58,20 @@ class Child:
         env: dict[str, str],
         log: Path,
         shown: bool = False,
+        terminal: int | None = None,
     ) -> None:
         self.name = name
         self._log = log
         with log.open('w', encoding='utf-8') as stream:
             self.process = subprocess.Popen(
                 [sys.executable, '-m', module, *arguments],
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.DEVNULL if terminal is None else terminal,
                 stdout=None if shown else stream,
                 stderr=stream,
                 env=env,
                 cwd=log.parent,
-                preexec_fn=_end_with_parent,
+                start_new_session=terminal is not None,
+                preexec_fn=_end_with_parent if terminal is None else _on_terminal,
             )
 
     def complaint(self) -> ChildError:

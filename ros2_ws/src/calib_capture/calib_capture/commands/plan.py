@@ -64,6 +64,7 @@ def planned(given: argparse.Namespace) -> program.Program:
         approach=given.approach,
         pool=given.pool,
         bodies=bodies_of(given),
+        standing=given.between_locations == program.GO,
         seed=given.seed,
     )
     return program.Planner(arm, probe, gauge, settings).program(
@@ -158,6 +159,13 @@ def _parser() -> CommandParser:
         metavar='N',
         help='candidates for each pose, of which the most telling are taken (default: %(default)s; '
         '1: no choosing, planned in half the time)',
+    )
+    parser.add_argument(
+        '--between-locations',
+        choices=(program.WAIT, program.GO, program.SIMULATED),
+        default=program.WAIT,
+        help='go: a gauge stands at every location, and all are in the way; wait, simulated: there '
+        'is one (default: %(default)s)',
     )
     add_probing(parser)
     return parser

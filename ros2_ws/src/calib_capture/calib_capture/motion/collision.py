@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import TypeGuard
 
 import coal
@@ -15,11 +17,17 @@ from calib_model.arrays import Array
 from calib_model.instruments import Arm
 from calib_model.transforms import RigidTransform
 
+ANOTHER = 'another gauge'
+
 
 class CollisionCheck:
-    """The bodies of one arm, its probe and a gauge that can be put from place to place."""
+    """The bodies of one arm, its probe and a gauge that can be put from place to place.
 
-    def __init__(self, arm: Arm, bodies: Bodies) -> None:
+    Where others like it stand at the `standing` places (`T_base_gauge`), they are in the way too;
+    put in one of these places, the gauge is the one that stands there.
+    """
+
+    def __init__(self, arm: Arm, bodies: Bodies, standing: Sequence[RigidTransform] = ()) -> None:
         self._arm = PinocchioArm(arm)
         self._bodies = bodies
         self._geometry = pinocchio.GeometryModel()
@@ -27,13 +35,14 @@ class CollisionCheck:
         self._gauge = [self._add(body) for body in bodies.gauge]
         self._kinds: list[tuple[Body, Body | None]] = []
         self._add_pairs()
+        self._local = [_placement(body) for body in bodies.gauge]
+        self._standing = [(place, self._add_standing(place)) for place in standing]
         self._data = pinocchio.GeometryData(self._geometry)
         for request in self._data.collisionRequests:
             request.security_margin = bodies.settings.clearance
         self._own = [row for row, (_, other) in enumerate(self._kinds) if _of_itself(other)]
         others = [row for row in range(len(self._kinds)) if row not in self._own]
         self._outside, self._within = self._only(others), self._only(self._own)
-        self._local = [_placement(body) for body in bodies.gauge]
         self._seats: list[int] = []  # pairs of a stylus and the probed sphere
         self._seated = False
 
@@ -63,6 +72,17 @@ class CollisionCheck:
                 if body.frame > 2 or body.kind == 'probe':  # the foot stands on it
                     self._pair(self._moving[i], floor, body, None)
 
+    def _add_standing(self, T_base_gauge: RigidTransform) -> range:
+        """A gauge that stays where it is; its pairs."""
+        begin, place = len(self._kinds), pinocchio.SE3(T_base_gauge.matrix())
+        for body, local in zip(self._bodies.gauge, self._local, strict=True):
+            other = replace(body, name=f'{body.name} {begin}', kind=ANOTHER, sphere=-1)
+            index = self._add(other)
+            self._geometry.geometryObjects[index].placement = place * local
+            for moving, one in zip(self._moving, self._bodies.moving, strict=True):
+                self._pair(moving, index, one, other)
+        return range(begin, len(self._kinds))
+
     def _pair(self, first: int, second: int, one: Body, other: Body | None) -> None:
         self._geometry.addCollisionPair(pinocchio.CollisionPair(first, second))
         self._kinds.append((one, other))
@@ -81,6 +101,8 @@ class CollisionCheck:
         for index, local in zip(self._gauge, self._local, strict=True):
             self._geometry.geometryObjects[index].placement = place * local
         self._seat(False)
+        for standing, pairs in self._standing:
+            self._heed(pairs, not np.array_equal(standing.matrix(), T_base_gauge.matrix()))
         self._seats = [
             pair
             for pair, (one, other) in enumerate(self._kinds)
@@ -92,12 +114,16 @@ class CollisionCheck:
         if seated == self._seated:
             return
         self._seated = seated
+        self._heed(self._seats, not seated)
+
+    def _heed(self, pairs: Iterable[int], heeded: bool) -> None:
+        """Whether these pairs are looked at from now on."""
         for data in (self._data, self._outside):
-            for pair in self._seats:
-                if seated:
-                    data.deactivateCollisionPair(pair)
-                else:
+            for pair in pairs:
+                if heeded:
                     data.activateCollisionPair(pair)
+                else:
+                    data.deactivateCollisionPair(pair)
 
     def touches(self, q: Array, seated: bool = True) -> bool:
         """Whether anything touches in posture q (n,); `seated`: but for styli and probed sphere."""

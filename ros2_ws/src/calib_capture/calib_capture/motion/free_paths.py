@@ -19,6 +19,7 @@ from calib_capture.motion.rrt_connect import rrt_connect, shortened
 from calib_model.arrays import Array
 from calib_model.instruments import Arm
 
+TURN, MOST_TURNS = 0.03, 20  # rad, and how often, that one joint turns out of where things touch
 FINEST = 1e-3  # m that anything moves in a piece that is not halved, where no clearance is asked
 
 
@@ -80,6 +81,25 @@ class FreePaths:
         left out."""
         way = shortened(list(trail[::-1]), self.free)
         return np.array(way[1:-1]).reshape(-1, trail.shape[1])
+
+    def left(self, q: Array) -> Array | None:
+        """A posture (n,) in which nothing touches, by turning one joint of q (n,), the least that
+        does; None when none does. What touches in q, or is too near, gets no nearer on the way."""
+        if self._check is None or self.clear(q):
+            return q
+        turns = [sign * axis for axis in np.eye(len(q)) for sign in (1.0, -1.0)]
+        gaps = [self._check.gap_outside(q, False)[0]] * len(turns)
+        for step in range(1, MOST_TURNS + 1):
+            for turn in range(len(turns)):
+                there = q + step * TURN * turns[turn]
+                gap = self._check.gap_outside(there, False)[0]
+                inside = ((there >= self._lower) & (there <= self._upper)).all()
+                apart = (self._check.gaps_within(there) >= self._clearance).all()
+                # once nearer or at a limit, a joint is tried no further
+                gaps[turn] = gap if gap > gaps[turn] and inside and apart else np.inf
+                if gaps[turn] < np.inf and self.clear(there):
+                    return there
+        return None
 
     def between(self, start: Array, goal: Array) -> Array | None:
         """Postures (K, n) to go by from one posture to another, none where the straight way is

@@ -18,7 +18,7 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from calib_capture.nodes.capture_graph import TICK, CaptureNode
-from calib_capture.nodes.capture_run import CaptureRun, Stopped, Watcher
+from calib_capture.nodes.capture_run import CaptureRun, Stopped, Unfinished, Watcher
 from calib_capture.nodes.marker_publisher import MarkerPublisher
 from calib_capture.nodes.parameters import CaptureParameters, ParameterReader
 from calib_capture.nodes.teach_service import TeachService
@@ -134,7 +134,7 @@ class CaptureServer:
             lambda: bool(handle.is_cancel_requested) or self._stopped(),
         )
         capturing = CaptureRun(node, self._executor, watcher, self._showing)
-        success = False
+        success = unfinished = False
         try:
             node.asked.writing.permit(bag)
             message = capturing()
@@ -143,11 +143,14 @@ class CaptureServer:
         except Stopped as stopped:
             message = f'stopped: {stopped}'
             handle.canceled() if handle.is_cancel_requested else handle.abort()
+        except Unfinished as short:
+            message, unfinished = str(short), True
+            handle.abort()
         except CalibrationError as error:
             message = str(error)
             handle.abort()
         log.info(message)
-        written = success or (os.path.exists(bag) and not existed)
+        written = success or unfinished or (os.path.exists(bag) and not existed)
         return Capture.Result(
             success=success,
             message=message,
@@ -166,13 +169,15 @@ class _Feedback:
 
     def __call__(self, session: ProgramSession | HandGuidedSession | TakingSession) -> None:
         now, current, tally = time.monotonic(), session.run.current, session.tally
-        if current is None or now - self._told < FEEDBACK_PERIOD:
+        awaited = session.awaits if isinstance(session, ProgramSession) else None
+        location = awaited or (current.location if current is not None else 0)
+        if not location or now - self._told < FEEDBACK_PERIOD:
             return
         self._told = now
         self._handle.publish_feedback(
             Capture.Feedback(
-                location=current.location,
-                sphere=current.sphere,
+                location=location,
+                sphere=current.sphere if current is not None else 0,
                 taken=tally.taken,
                 refused=sum(tally.refused.values()),
                 planned=tally.planned,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands the arm, by topic or by action: one capture at a time; and lets people stop it."""
+"""Commands the arm, by topic or by action: one capture at a time."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from typing import Any
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from calib_capture.motion import Trajectory
 from calib_capture.nodes.messages import joint_trajectory
 from calib_capture.nodes.trajectory_action import GoalSender, goal_sender
-from calib_capture.recording import ProgramSession, RunError, trajectory_cdr
+from calib_capture.recording import RunError, trajectory_cdr
 from calib_model.nodes import qos_of
 from calib_model.topics import CAPTURE_POSES, CONTROLLER, commanded, follow_action
 
@@ -25,7 +24,6 @@ LAST_WORDS = 0.5  # s for the arm to acknowledge the last command
 NAMED_WITHIN = 1.0  # s until all are known
 TOPIC, ACTION, AUTO = 'topic', 'action', 'auto'
 UNKNOWN = 'NODE_NAME_UNKNOWN'
-NONE = 'no capture moves the arm'
 
 
 class ArmCommander:
@@ -136,52 +134,3 @@ def node_names(find: Callable[[], Iterable[Any]]) -> str:
 
 def _gid(endpoint: Any) -> tuple[int, ...]:
     return tuple(endpoint.endpoint_gid)
-
-
-class Interventions:
-    """Answers at once; the arm comes to rest within its limits after that.
-
-    `session` gives the program that is under way, None when there is none. `stop` is set when the
-    capture is to end.
-    """
-
-    def __init__(self, node: Node, session: Callable[[], ProgramSession | None]) -> None:
-        self._session = session
-        self.stop = False
-        for name, act in (
-            ('stop', self._stop),
-            ('pause', self._pause),
-            ('continue', self._continue),
-        ):
-            node.create_service(Trigger, f'capture/{name}', _answering(act))
-
-    def _stop(self) -> tuple[bool, str]:
-        if self._session() is None:
-            return False, NONE
-        self.stop = True
-        return True, 'the arm is stopped, and the capture ends'
-
-    def _pause(self) -> tuple[bool, str]:
-        session = self._session()
-        if session is None:
-            return False, NONE
-        session.pause()
-        return True, 'the arm is stopped until /capture/continue'
-
-    def _continue(self) -> tuple[bool, str]:
-        session = self._session()
-        if session is None:
-            return False, NONE
-        if not session.go_on():
-            return False, 'nothing is paused'
-        return True, 'going on'
-
-
-def _answering(
-    act: Callable[[], tuple[bool, str]],
-) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
-    def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message = act()
-        return response
-
-    return answer

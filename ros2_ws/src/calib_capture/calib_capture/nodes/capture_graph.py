@@ -20,10 +20,10 @@ from std_msgs.msg import String
 from calib_capture.checking import FirstSeconds
 from calib_capture.default_files import refuse_other_arm
 from calib_capture.motion import Trajectory
-from calib_capture.nodes.arm_commander import ArmCommander, Interventions, node_names
+from calib_capture.nodes.arm_commander import ArmCommander, node_names
+from calib_capture.nodes.interventions import Interventions, TakeServices
 from calib_capture.nodes.parameters import CONTINUOUS, ParameterReader
-from calib_capture.nodes.taking import TakeServices
-from calib_capture.program import Planner, Program
+from calib_capture.program import SIMULATED, Planner, Program
 from calib_capture.recording import (
     HandGuidedRecord,
     HandGuidedRun,
@@ -266,13 +266,36 @@ class CaptureNode(Node):
             missing.append(PROBE_DISPLACEMENTS.name)
         return ', '.join(missing)
 
-    def begin(self, program: Program, earlier: Sequence[FileAccount] = ()) -> ProgramSession:
-        """Open the bag, or go on with the files it has, and start the run."""
+    def refuse_real_probe(self, program: Program) -> None:
+        """Nothing, where a gauge that nobody carries is asked for in a simulation.
+
+        Raises:
+            ParameterError: the probe does not say that it is one.
+        """
+        several = len({plan.location for plan in program.spheres}) > 1
+        simulated = self._simulated or self.probe.simulated
+        if self.asked.between == SIMULATED and several and not simulated:
+            raise ParameterError(
+                f"parameter 'between_locations': {SIMULATED}, but the probe on "
+                f'{PROBE_DESCRIPTION.name} does not say that it is simulated'
+            )
+
+    @property
+    def awaits(self) -> int | None:
+        """The location where the gauge is to be carried now."""
+        session = self._program_session()
+        return session.awaits if session is not None else None
+
+    def begin(
+        self, program: Program, earlier: Sequence[FileAccount] = (), at: int | None = None
+    ) -> ProgramSession:
+        """Open the bag, or go on with the files it has, and start the run; a gauge that is carried
+        stands `at` a location."""
         self.failure = None
         self.asked = self.asked.standing_as(self._standing())
         self._count_anew()
         recorder = self._recorder(earlier)
-        run = MeasuringRun(self.arm, program, self.asked.run, time.monotonic())
+        run = MeasuringRun(self.arm, program, self.asked.run, time.monotonic(), at)
         self._first = self._first_seconds(program)
         self._session = ProgramSession(
             run,

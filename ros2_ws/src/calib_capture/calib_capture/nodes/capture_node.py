@@ -17,9 +17,10 @@ from rclpy.parameter import Parameter
 
 from calib_capture.nodes.action_server import CaptureServer
 from calib_capture.nodes.capture_graph import CaptureNode
-from calib_capture.nodes.capture_run import CaptureRun, Stopped, Watcher
+from calib_capture.nodes.capture_run import CaptureRun, Stopped, Unfinished, Watcher
 from calib_capture.nodes.marker_publisher import MarkerPublisher
-from calib_capture.nodes.parameters import ParameterReader
+from calib_capture.nodes.parameters import PROGRAM, ParameterReader
+from calib_capture.nodes.teach_service import TeachService
 from calib_capture.program import TaughtBook
 from calib_capture.recording import HandGuidedSession, ProgramSession, TakingSession
 from calib_model.command_line import run_command
@@ -35,6 +36,8 @@ EXAMPLE = """\
 ros2 run calib_capture capture --ros-args -p output:=output/my_bag -p poses_per_sphere:=20
   ros2 run calib_capture capture --ros-args -p serve:=true
   ros2 action send_goal --feedback /capture/run calib_interfaces/action/Capture "{bag: my_bag}\""""
+
+UNFINISHED = 1
 
 
 class _Stop:
@@ -60,7 +63,10 @@ def _run_once(node: CaptureNode, executor: Executor, stop: _Stop) -> int:
     """One run of the command, with a progress bar."""
     progress, showing = Progress(), MarkerPublisher(node)
     node.add_on_set_parameters_callback(_too_late)
-    node.taught.update(TaughtBook(node.asked.taught).read())
+    if node.asked.run.carried and node.asked.mode == PROGRAM:
+        TeachService(node, showing).busy = True  # but while the gauge is carried
+    else:
+        node.taught.update(TaughtBook(node.asked.taught).read())
 
     def show(session: ProgramSession | HandGuidedSession | TakingSession) -> None:
         tally, current, now = session.tally, session.run.current, time.monotonic()
@@ -74,6 +80,9 @@ def _run_once(node: CaptureNode, executor: Executor, stop: _Stop) -> int:
     except Stopped as stopped:
         progress.say(f'stopped: {stopped}')
         return INTERRUPTED
+    except Unfinished as unfinished:
+        progress.say(str(unfinished))
+        return UNFINISHED
     return 0
 
 
@@ -107,7 +116,8 @@ def _capture() -> int:
 
 
 def main() -> int:
-    """Capture a measuring program into a bag, or serve; 2 when that cannot be done."""
+    """Capture a measuring program into a bag, or serve; 2 when that cannot be done, 1 when a
+    location has fewer poses than were planned."""
     return run_command(_capture)
 
 

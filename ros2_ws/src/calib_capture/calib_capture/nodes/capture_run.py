@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Thread
@@ -12,9 +12,9 @@ from threading import Thread
 from rclpy.executors import Executor
 
 from calib_capture.nodes.capture_graph import TICK, CaptureNode
+from calib_capture.nodes.interventions import Carrying, Keys
 from calib_capture.nodes.marker_publisher import MarkerPublisher
 from calib_capture.nodes.parameters import CONTINUOUS
-from calib_capture.nodes.taking import Keys
 from calib_capture.program import Program
 from calib_capture.recording import (
     Begun,
@@ -34,6 +34,7 @@ from calib_model.bags import read_note
 from calib_model.errors import BagError, CalibrationError
 from calib_model.instruments import PassiveProbe
 from calib_model.pairing import HAND_GUIDED_NOTE
+from calib_model.transforms import RigidTransform
 
 READINGS_WITHIN = 2.0  # s after joint states in which somebody may yet tell of a passive probe
 STOPPED_WITHIN = 3.0  # s in which an arm that was stopped is expected to stand
@@ -53,6 +54,10 @@ class Stopped(Exception):  # not an error: what was wished for
     """The capture was stopped; its argument is the summary."""
 
 
+class Unfinished(Exception):  # not an error: it ran to its end
+    """A location has fewer poses than were planned for it; the argument is the summary."""
+
+
 class CaptureRun:
     """Waits for arm and probe, plans, measures; `tally` says how it went, also after an error."""
 
@@ -65,12 +70,15 @@ class CaptureRun:
         self._showing = showing
         self.tally: Tally | HandGuidedTally | TakenTally = Tally(0)
         self._told = 0.0
+        self._ends_told = 0
+        self._places: Mapping[int, RigidTransform] = {}
 
     def __call__(self) -> str:
         """Do it; returns the summary.
 
         Raises:
             Stopped: the watcher wanted it so. The arm was told to stop and the bag is closed.
+            Unfinished: a location could not be finished. The bag is closed.
             CalibrationError: it could not be done; a bag that was begun is closed.
         """
         node = self._node
@@ -80,7 +88,11 @@ class CaptureRun:
         if node.asked.mode == CONTINUOUS:
             return self._led()
         node.commanding.refuse_rivals()
-        program = self._plan()
+        node.describe()
+        self._places = node.placements
+        program = self._plan(node.asked.locations)
+        if program is None:
+            raise Stopped('nothing recorded')
         self._showing.program(program)
         for location, sphere in program.unreached:
             self._watcher.say(f'location {location}: sphere {sphere} is out of reach')
@@ -95,6 +107,7 @@ class CaptureRun:
             node.commanding.take()
             self._wait_for(node.missing_streams)
             node.commanding.refuse_rivals()
+            node.refuse_real_probe(left)
             return self._measure(left, there)
         finally:
             node.commanding.leave()
@@ -122,16 +135,14 @@ class CaptureRun:
             self._told = now
             self._watcher.say(f'waiting for {what}')
 
-    def _plan(self) -> Program:
-        """The program, made beside the graph: whoever asks meanwhile gets an answer."""
-        node = self._node
-        node.describe()
-        planner = node.planner()
-        placements, locations = node.placements, node.asked.locations
-        planned = _Beside(lambda: planner.program(placements, locations))
+    def _plan(self, locations: Sequence[int]) -> Program | None:
+        """The program, made beside the graph: whoever asks meanwhile gets an answer. None when the
+        watcher wanted it to stop."""
+        planner, places = self._node.planner(), self._places
+        planned = _Beside(lambda: planner.program(places, locations))
         while planned.is_alive():
             if self._watcher.stopped():
-                raise Stopped('nothing recorded')
+                return None
             self._executor.spin_once(timeout_sec=TICK)
         return planned.result()
 
@@ -147,8 +158,11 @@ class CaptureRun:
 
     def _measure(self, program: Program, there: Begun) -> str:
         node, begin = self._node, time.monotonic()
-        session = node.begin(program, there.files)
-        node.interventions.stop = False
+        session = node.begin(program, there.files, there.location)
+        node.interventions.stop = node.interventions.carried = False
+        carrying = Carrying(node.interventions, self._watcher.say)
+        if node.asked.run.carried and len(session.run.to_come) > 1 and session.awaits is None:
+            self._watcher.say(f'the bar is to stand at location {session.run.to_come[0]}')
         self.tally = session.tally
         stopped = False
         try:
@@ -158,6 +172,9 @@ class CaptureRun:
                     self._remind()
                     self._watcher.show(session)
                     self._showing.progress(session)
+                    self._tell_ended(session)
+                    if carrying.done(session):
+                        self._go_on(session, there, carrying)
                     stopped = self._watcher.stopped() or node.interventions.stop
                 session.finish()
         finally:
@@ -165,7 +182,39 @@ class CaptureRun:
                 self._bring_to_rest()
             node.end()
         self._showing.progress(session, last=True)
-        return self._summary(there, stopped, time.monotonic() - begin, session.remarks())
+        self._tell_ended(session)
+        summary = self._summary(there, stopped, time.monotonic() - begin, session.remarks())
+        short = [each for each in session.run.locations.ended if not each.finished]
+        if short:
+            numbers = ', '.join(str(each.location) for each in short)
+            raise Unfinished(f'{summary}; not finished: location {numbers}')
+        return summary
+
+    def _tell_ended(self, session: ProgramSession) -> None:
+        """Say of each location what came of it, when it is done with."""
+        ended = session.run.locations.ended
+        for location in ended[self._ends_told :]:
+            if not location.finished or self._node.asked.run.carried:
+                self._watcher.say(location.line())
+        self._ends_told = len(ended)
+
+    def _go_on(self, session: ProgramSession, there: Begun, carrying: Carrying) -> None:
+        """The gauge was carried: to where it was taught, perhaps."""
+        taught = self._node.taught.get(session.awaits or 0)
+        if taught is not None and taught is not self._places.get(session.awaits or 0):
+            self._watcher.say(f'location {session.awaits}: planned anew from what was taught')
+            self._places = {**self._places, **self._node.taught}
+            try:
+                program = self._plan(session.run.to_come)
+            except CalibrationError as error:
+                self._watcher.say(str(error))
+                carrying.ask_again()
+                return
+            if program is None:  # whoever asked sees to it
+                return
+            session.run.plan_anew(remaining(program, there.poses))
+            self._showing.program(program)
+        session.carried()
 
     def _bring_to_rest(self) -> None:
         """Stop the arm, whatever went wrong, and say where it stands."""

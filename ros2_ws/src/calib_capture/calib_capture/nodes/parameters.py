@@ -12,7 +12,7 @@ import numpy as np
 from calib_capture.default_files import configured, explained
 from calib_capture.motion import BodySettings, parse_bodies
 from calib_capture.nodes.arm_commander import ACTION, AUTO, TOPIC
-from calib_capture.program import ProgramSettings
+from calib_capture.program import GO, SIMULATED, WAIT, ProgramSettings
 from calib_capture.recording import RunSettings
 from calib_model.bags import Temperature
 from calib_model.bounds import TEMPERATURE
@@ -50,6 +50,11 @@ _COMMAND = (
     'topic: trajectories are published; action: they are goals of FollowJointTrajectory; '
     'auto: goals where a server answers'
 )
+_BETWEEN = (
+    'wait: one gauge is carried; before the next location the arm goes out of the way, and waits '
+    'for /capture/continue or Enter; go: a gauge stands at every location, and all are in the way; '
+    'simulated: a simulated one is wherever it is probed'
+)
 _ACCELERATION = 'rad/s^2, limit of the joints for which the description of the arm has none'
 _JERK = 'rad/s^3, limit of the joints for which the description of the arm has none'
 STANDING = Standing()
@@ -84,6 +89,7 @@ class CaptureParameters:
     writing: Folders = Folders('output_folders', ())
     command: str = AUTO
     controller: str = CONTROLLER
+    between: str = WAIT
     assumed: bool = False  # the placements are the shipped example's, nobody gave them
     stands_as_told: bool = False  # whether settle, dwell or rest were given
 
@@ -121,17 +127,17 @@ class ParameterReader:
         text = 'path of a YAML file: the description; empty: the one on the topic'
         paths = {key: self._parameters.text(key, '', text) for key in DESCRIBED}
         places = self._text('placements', '', explained('placements'))
-        standing = self._standing()
+        between, standing = self._between(), self._standing()
         steady = self._steady(standing)
         return CaptureParameters(
             paths,
             configured('placements', places, parse_placements),
             self._integers('locations', 'to visit; empty: all that have a place'),
             self._text('output', 'capture', 'bag to write, a folder that is not there'),
-            self._program(),
+            self._program(between == GO),
             steady,
             self._temperature(),
-            self._run(standing),
+            self._run(standing, between == WAIT),
             self._number('wait_timeout', 30.0, 's to wait for arm and probe', 0.1, 1e5),
             self._flag('resume', 'go on with the bag in output, or begin it'),
             self._parameters.flag(
@@ -147,6 +153,7 @@ class ParameterReader:
             taught=self._parameters.text('taught', '', _TAUGHT),
             command=self._command(),
             controller=self._parameters.text('controller', CONTROLLER, _CONTROLLER),
+            between=between,
             assumed=not places,
             stands_as_told=standing != STANDING or any(map(self._parameters.given, STANDS)),
             writing=Folders(
@@ -162,6 +169,15 @@ class ParameterReader:
                 f"parameter 'mode': expected {PROGRAM} or {CONTINUOUS}, got {mode!r}"
             )
         return mode
+
+    def _between(self) -> str:
+        between = self._text('between_locations', WAIT, _BETWEEN)
+        if between not in (WAIT, GO, SIMULATED):
+            raise ParameterError(
+                f"parameter 'between_locations': expected {WAIT}, {GO} or {SIMULATED}, "
+                f'got {between!r}'
+            )
+        return between
 
     def _command(self) -> str:
         how = self._parameters.text('command', AUTO, _COMMAND)
@@ -181,7 +197,7 @@ class ParameterReader:
         max_gap = self._number('max_gap', default.max_gap, text, 1e-4, 10.0)
         return HandGuidedSettings(spacing, seated, max_gap, lateness)
 
-    def _program(self) -> ProgramSettings:
+    def _program(self, standing: bool) -> ProgramSettings:
         default = ProgramSettings()
         text = 'spheres to probe; empty: four spread over the gauge, 1, 6, 10 and 14 of 15'
         spheres = self._integers('spheres', text)
@@ -206,6 +222,7 @@ class ParameterReader:
             ),
             pool=self._whole('pool', default.pool, _POOL, 1, 1000),
             bodies=self._bodies(),
+            standing=standing,
             seed=self._whole('seed', default.seed, 'of the program', 0, 2**62),
         )
 
@@ -244,10 +261,11 @@ class ParameterReader:
         sure = self._number('temperature_uncertainty', 0.0, text, 0.0, 100.0)
         return Temperature(celsius, sure) if celsius > TEMPERATURE[0] else None
 
-    def _run(self, standing: Standing) -> RunSettings:
+    def _run(self, standing: Standing, carried: bool) -> RunSettings:
         default = RunSettings()
         text = 's a still arm may leave poses unanswered'
         return RunSettings(
+            carried=carried,
             batch=self._whole('batch', default.batch, 'poses commanded at once', 1, 100),
             hold=standing.hold,
             speed=self._number(

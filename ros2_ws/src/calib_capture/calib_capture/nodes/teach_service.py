@@ -70,7 +70,7 @@ class TeachService:
     def _taught(self, location: int, number: int, response: Teach.Response) -> str:
         if location < 1:
             raise TeachError('location 0: locations are counted from 1')
-        sphere = self._probed(number)
+        sphere = self._probed(location, number)
         response.center = sphere.p_base_sphere
         here = self._spheres.setdefault(location, {})
         here[number] = sphere
@@ -91,10 +91,12 @@ class TeachService:
             f'{response.length_error * 1e3:+.3f} mm off the certificate, {kept}'
         )
 
-    def _probed(self, number: int) -> TaughtSphere:
+    def _probed(self, location: int, number: int) -> TaughtSphere:
         node = self._node
-        if self.busy:
+        if self.busy and node.awaits is None:
             raise TeachError('a capture is under way: teach when it is done')
+        if node.awaits not in (None, location):
+            raise TeachError(f'the bar is to stand at location {node.awaits} now: teach that')
         if missing := node.missing_descriptions():
             raise TeachError(f'not there yet: {missing}')
         node.check_origins()

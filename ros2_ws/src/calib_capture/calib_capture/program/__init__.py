@@ -45,6 +45,9 @@ if TYPE_CHECKING:
         log_det as log_det,
     )
     from calib_capture.program.program import (
+        GO as GO,
+        SIMULATED as SIMULATED,
+        WAIT as WAIT,
         PlannedPose as PlannedPose,
         Program as Program,
         ProgramError as ProgramError,

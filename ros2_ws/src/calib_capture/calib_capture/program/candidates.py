@@ -111,12 +111,17 @@ class Finder:
         self._size = float(np.abs(arm.geometry[[0, 2]]).sum())
         self._shoulder, self._stretched = stretched(arm)
         self._R_flange_probe = probe.flange_T_probe.rotation
-        self._collision: CollisionCheck | None = None
-        bodies = None
+        self._bodies = None
         if reach.bodies is not None:
-            bodies = bodies_of(arm, probe, gauge, reach.bodies)
-            self._collision = CollisionCheck(arm, bodies)
-        self.ways = FreePaths(arm, self._collision, bodies, reach.limit_margin)
+            self._bodies = bodies_of(arm, probe, gauge, reach.bodies)
+        self.stand(())
+
+    def stand(self, places: Sequence[RigidTransform]) -> None:
+        """Gauges stand at these `T_base_gauge` from now on, beside the one that is put in place."""
+        self._collision: CollisionCheck | None = None
+        if self._bodies is not None:
+            self._collision = CollisionCheck(self.arm, self._bodies, places)
+        self.ways = FreePaths(self.arm, self._collision, self._bodies, self._reach.limit_margin)
 
     def put_gauge(self, T_base_gauge: RigidTransform, sphere: int = -1) -> None:
         """Where the gauge stands from now on and which of its spheres is probed, if any."""
@@ -218,15 +223,25 @@ class Finder:
 
     def way_from(self, start: Array, goal: Array) -> Array | None:
         """Postures (K, n) to go by from `start` to `goal`; an arm that stands at a sphere leaves
-        it along the probe's axis first. None when no free way is found."""
+        it along the probe's axis first, one that touches anything else by turning a joint. None
+        when no free way is found."""
         if self.ways.clear(start):
             return self.ways.between(start, goal)
         back = -(self._model.flange_pose(start)[:3, :3] @ self._R_flange_probe)[:, 2]
         path = retreat(self._model, start, back, self._reach.approach)
+        if path is None or not self.ways.clear(path[-1]):  # it does not stand at a sphere
+            aside = self.ways.left(start)
+            path = None if aside is None else aside[None]
         if path is None:
             return None
         between = self.ways.between(path[-1], goal)
         return None if between is None else np.vstack([path, between])
+
+    def gap(self, q: Array) -> float:
+        """How far (m) arm and probe are from gauge and floor in posture q (n,)."""
+        return (
+            np.inf if self._collision is None else float(self._collision.gap_outside(q, False)[0])
+        )
 
     def contact(self, q: Array, seated: bool = True) -> str:
         """What touches in posture q (n,); `seated`: but for styli and probed sphere."""

@@ -36,6 +36,7 @@ from calib_capture.program.program import (
     ProgramSettings,
     Router,
     SpherePlan,
+    WayOut,
 )
 from calib_capture.program.visiting_order import Visit, VisitingOrder
 from calib_model.arrays import Array, frozen
@@ -46,6 +47,8 @@ from calib_model.transforms import RigidTransform
 MANY_REACHES = 10.0  # of the arm: no gauge is that large
 SPARE_SHARE = 0.2
 REST_TRIALS = 2000
+OUT_OF_THE_WAY = 0.1  # m off the gauge that a posture of rest is, where there is one
+MORE_TRIALS = 200  # for one after one that is but clear of the gauge
 
 
 @dataclass(frozen=True)
@@ -124,6 +127,7 @@ class Planner:
             known = ', '.join(map(str, sorted(placements)))
             raise ProgramError(f'location {unknown[0]} has no place (known: {known})')
         places = {number: placements[number] for number in locations or sorted(placements)}
+        self.finder.stand(tuple(placements.values()) if self.settings.standing else ())
         drafts: list[Draft] = []
         pace = Pace(progress, 'looking for postures', 'spheres')
         spheres = self.spheres
@@ -141,10 +145,16 @@ class Planner:
             [draft.candidates.found[i] for i in rows]
             for draft, rows in zip(drafts, chosen, strict=True)
         ]
-        plans, visited = self._plans(places, drafts, picked, progress)
+        rest = self._rest(places) if self.settings.by_approach else self._home()
+        plans, visited = self._plans(places, drafts, picked, rest, progress)
         kept = [rows[items] for rows, items in zip(chosen, visited, strict=True)]
         return Program(
-            plans, self._expected(pools, kept), self._router(places), self._contacts(places)
+            plans,
+            self._expected(pools, kept),
+            self._router(places),
+            self._contacts(places),
+            frozen(rest),
+            self._way_out(places, rest),
         )
 
     def draft(self, T_base_gauge: RigidTransform, location: int, sphere: int) -> Draft:
@@ -180,12 +190,12 @@ class Planner:
         places: Mapping[int, RigidTransform],
         drafts: Sequence[Draft],
         picked: Sequence[Sequence[Candidate]],
+        rest: Array,
         progress: Progress | None = None,
     ) -> tuple[tuple[SpherePlan, ...], list[Indices]]:
-        """One sphere after the other; from location to location by a posture of rest that is
-        clear of the gauge at all of them. And which of the picked are visited."""
+        """One sphere after the other; from location to location by a posture of `rest` that
+        is clear of the gauge at all of them. And which of the picked are visited."""
         driven = self.settings.by_approach
-        rest = self._rest(places) if driven else self._home()
         visiting = VisitingOrder(self.arm.velocity, self.finder.ways if driven else None, rest)
         plans: list[SpherePlan] = []
         visited: list[Indices] = []
@@ -211,21 +221,32 @@ class Planner:
         return middle
 
     def _rest(self, places: Mapping[int, RigidTransform]) -> Array:
-        """A posture that keeps clear of the gauge wherever it comes to stand."""
+        """A posture that keeps clear of the gauge wherever it comes to stand, and out of the way
+        of whoever carries it."""
         generator = np.random.default_rng(self.settings.seed)
         lower, upper = self.arm.ranges.T
-        tried = self._home()
-        for _ in range(REST_TRIALS):
+        tried, best, off, trials = self._home(), None, 0.0, REST_TRIALS
+        while trials:
             if all(self._clear(tried, place) for place in places.values()):
-                return tried
-            tried = generator.uniform(lower, upper)
-        raise ProgramError(
-            f'{self.arm.name}: found no posture that is clear of the gauge at every location'
-        )
+                gap = min(self._gap(tried, place) for place in places.values())
+                if gap >= OUT_OF_THE_WAY:
+                    return tried
+                trials = min(trials, MORE_TRIALS)
+                best, off = (tried, gap) if best is None or gap > off else (best, off)
+            tried, trials = generator.uniform(lower, upper), trials - 1
+        if best is None:
+            raise ProgramError(
+                f'{self.arm.name}: found no posture that is clear of the gauge at every location'
+            )
+        return best
 
     def _clear(self, q: Array, place: RigidTransform) -> bool:
         self.finder.put_gauge(place)
         return self.finder.ways.clear(q)
+
+    def _gap(self, q: Array, place: RigidTransform) -> float:
+        self.finder.put_gauge(place)
+        return self.finder.gap(q)
 
     def _back(self, here: Array, rest: Array, trail: Sequence[Array]) -> Array:
         """The way (K, n) from `here` to `rest`, ends included; the gauge is where it was put.
@@ -287,6 +308,17 @@ class Planner:
             return self.finder.way_from(start, pose.approach[0])
 
         return way_to
+
+    def _way_out(self, places: Mapping[int, RigidTransform], rest: Array) -> WayOut | None:
+        """FreePaths away from the gauge of a location."""
+        if not self.settings.by_approach:
+            return None
+
+        def way_out(start: Array, location: int) -> Array | None:
+            self.finder.put_gauge(places[location])
+            return self.finder.way_from(start, rest)
+
+        return way_out
 
     def _contacts(self, places: Mapping[int, RigidTransform]) -> Contacts:
         """What keeps the arm from getting away from where it stands."""

@@ -13,6 +13,10 @@ from calib_capture.program.pose_selection import SelectionSettings
 from calib_model.arrays import Array, frozen
 from calib_model.errors import CalibrationError
 
+#: one gauge is carried from location to location by somebody; one stands at each, in the way of all
+#: motion; or one is wherever it is probed, as in simulations
+WAIT, GO, SIMULATED = 'wait', 'go', 'simulated'
+
 
 class ProgramError(CalibrationError):
     """A measuring program that cannot be made for this arm, gauge and place."""
@@ -31,7 +35,9 @@ class ProgramSettings:
     `approach` (m) is the way along the probe's axis that must be free before every pose. With
     `drive_approach` the arm comes and goes by it, and the ways between are free too; otherwise, or
     with no approach, it goes straight from contact to contact, whatever is between: for a
-    simulation that does not mind. `bodies` None leaves collisions unchecked.
+    simulation that does not mind. `bodies` None leaves collisions unchecked. Where gauges are
+    `standing` at all places at once, each is in the way of every posture and all motion; else there
+    is one that is carried.
 
     `pool` is how many candidates there are for every pose: the most telling ones are taken, with
     1 the first that are found. Out of three, poses do the work of a sixth more that were not
@@ -47,6 +53,7 @@ class ProgramSettings:
     approach: float = 0.03
     drive_approach: bool = True
     bodies: BodySettings | None = BodySettings()
+    standing: bool = False
     pool: int = 3
     choice: SelectionSettings = SelectionSettings()
     seed: int = 1
@@ -81,6 +88,9 @@ class PlannedPose:
 #: free way is found
 Router = Callable[[Array, PlannedPose], Array | None]
 Contacts = Callable[[Array, PlannedPose], str]
+#: from a posture (n,) to the program's posture of rest, with the gauge at a location: what to go by
+#: (K, n), None when no free way is found
+WayOut = Callable[[Array, int], Array | None]
 
 
 @dataclass(frozen=True)
@@ -124,12 +134,15 @@ class Program:
     `way_to` finds ways that the poses' own do not tell: from where the arm stands at first, after
     a pose was left out, to one that is tried again. None where the arm is to go straight.
     `touching` says what touches in a posture (n,) before the gauge of a pose, '' for nothing.
+    At `rest` (n,) the arm is out of the way of whoever carries the gauge; `way_out` leads there.
     """
 
     spheres: tuple[SpherePlan, ...]
     expected: Expected | None = None
     way_to: Router | None = field(default=None, compare=False, repr=False)
     touching: Contacts | None = field(default=None, compare=False, repr=False)
+    rest: Array | None = field(default=None, compare=False, repr=False)
+    way_out: WayOut | None = field(default=None, compare=False, repr=False)
     poses: tuple[PlannedPose, ...] = field(init=False)
 
     def __post_init__(self) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from calib_capture.motion import ACCELERATION, JERK, Leg, Trajectory, motion_limits
 from calib_capture.program import PlannedPose, Program
 from calib_capture.recording.commanded_motion import CommandedMotion, StandingMean
+from calib_capture.recording.locations import Locations, OneGauge
 from calib_model.arrays import Array
 from calib_model.errors import CalibrationError
 from calib_model.instruments import Arm
@@ -53,6 +54,7 @@ class RunSettings:
     `answer_timeout` (s of the wall clock) after the last sign of life the poses of a batch that
     have no outcome get none; `give_up` (s) without any accepted or refused pose ends the run.
     `tolerance` (rad) is how near to the planned joints a stop must be to be that pose's.
+    Where the gauge is `carried` from location to location, the arm waits for it out of its way.
     """
 
     batch: int = 7
@@ -65,6 +67,7 @@ class RunSettings:
     give_up: float = 30.0
     tolerance: float = 2e-3
     attempts: int = 2
+    carried: bool = False
 
 
 @dataclass(frozen=True)
@@ -110,9 +113,20 @@ class MeasuringRun:
     The next batch goes out when the arm has held the last pose of the one before, so that a
     trajectory never replaces one that is still needed; at most two batches wait for outcomes, so
     that no more readings are on their way than a subscriber keeps.
+
+    One gauge that is carried stands `at` a location to begin with, at the program's first where
+    none is given. All of a location is done, its spares too, then the arm goes out of the way, and
+    `awaits` says where the gauge is to be carried, until it was `carried`.
     """
 
-    def __init__(self, arm: Arm, program: Program, settings: RunSettings, now: float) -> None:
+    def __init__(
+        self,
+        arm: Arm,
+        program: Program,
+        settings: RunSettings,
+        now: float,
+        at: int | None = None,
+    ) -> None:
         self.settings = settings
         self.tally = Tally(len(program.poses))
         standoffs = sum(pose.standoff for pose in program.poses)
@@ -133,13 +147,54 @@ class MeasuringRun:
         self._heard = True  # whether it has been heard of since then
         self.paused = False
         self._visited: list[PlannedPose] = []  # those of the last command
-        self._last: PlannedPose | None = None  # the last one it was told to go to
         self._sign_of_life = self._progress = self._start = now
+        self._poseless = False  # whether it was last commanded to where no pose is
+        self.locations = Locations(program.poses)
+        self._rest, self._way_out = program.rest, program.way_out
+        self._gauge: OneGauge | None = None
+        if settings.carried and program.poses:
+            first = program.poses[0].location
+            self._gauge = OneGauge(at or first)
+            if self._gauge.at != first:  # nothing moves before it is there
+                self._gauge.wait(first, now, clear=False)
+
+    @property
+    def awaits(self) -> int | None:
+        """The location where the gauge is to be carried now."""
+        return None if self._gauge is None else self._gauge.to
+
+    @property
+    def out_of_the_way(self) -> bool:
+        """Whether the arm that awaits the gauge stands where it was planned to wait."""
+        return self._gauge is not None and self._gauge.clear
+
+    @property
+    def to_come(self) -> tuple[int, ...]:
+        """The locations of the poses that are left, in order."""
+        return tuple(dict.fromkeys(pose.location for pose, _ in self._todo))
+
+    def carried(self, now: float) -> None:
+        """The gauge stands where it was awaited; the arm may have been moved meanwhile."""
+        assert self._gauge is not None
+        self._start += self._gauge.carried(now)
+        self._visited = []
+        self._take_back()
+        self._sign_of_life = self._progress = now
+
+    def plan_anew(self, program: Program) -> None:
+        """Go on by this program in place of what is left of the one before; while the gauge is
+        awaited."""
+        self.tally.planned += len(program.poses) - len(self._todo)
+        self._todo = deque((pose, 1) for pose in program.poses)
+        self._spares = {(plan.location, plan.sphere): list(plan.spares) for plan in program.spheres}
+        self.locations.plan_anew(program.poses)
+        self._way_to, self._touching = program.way_to, program.touching
+        self._rest, self._way_out = program.rest, program.way_out
 
     @property
     def finished(self) -> bool:
-        """Whether every pose has been taken or given up."""
-        return not self._todo and not self._open
+        """Whether every pose has been taken or given up, and the arm is where it was sent."""
+        return not (self._todo or self._open or self._poseless)
 
     @property
     def current(self) -> PlannedPose | None:
@@ -148,27 +203,77 @@ class MeasuringRun:
 
     def next_trajectory(self, now: float) -> Trajectory | None:
         """The next batch as a trajectory, None while the arm is busy with the last one."""
-        if self.paused or not self._todo or not self._free():
+        if self.paused or self.awaits is not None or not self._free():
             return None
+        self._poseless = False
+        if not self._todo:
+            return None
+        if self._here_no_more(self._todo[0][0]):
+            return self._out_of_the_way(now)
         leg = Leg(self._standing(), self._limits)
         self._step_aside(leg)
         self._visited = self._visited[-1:]
         left = self.settings.batch
-        while self._todo and left:
+        while self._todo and left and not self._here_no_more(self._todo[0][0]):
             pose, attempt = self._todo.popleft()
             if not self._go_to(leg, pose):
                 self._refuse(pose, self._no_way(leg.here, pose))
                 continue
             self._open.append((pose, attempt))
-            self._last = pose
             self._visited.append(pose)
             left -= 1
-        if not leg.moves or self._last is None:
+        return self._commanded(leg, now, poseless=left == self.settings.batch)
+
+    def _commanded(self, leg: Leg, now: float, poseless: bool) -> Trajectory | None:
+        if not leg.moves:
             return None
-        self._goal = self._last.joints
+        self._goal, self._poseless = leg.here, poseless
         self._left = self._heard = False
         self._sign_of_life = now
         return leg.trajectory()
+
+    def _here_no_more(self, pose: PlannedPose) -> bool:
+        """Whether the gauge is to be carried before a pose."""
+        return self._gauge is not None and pose.location != self._gauge.at
+
+    def _out_of_the_way(self, now: float) -> Trajectory | None:
+        """To where the gauge can be carried, once all poses of where it stands have an outcome;
+        None when the arm is there, or there is no free way: then it has left the sphere at least.
+        """
+        gauge = self._gauge
+        assert gauge is not None
+        if self._open:
+            return None
+        if not gauge.leaving:
+            leg = Leg(self._standing(), self._limits)
+            self._leave_sphere(leg)
+            for posture in self._to_rest(leg.here):
+                leg.to(posture)
+            far = np.abs(leg.here - self._standing()).max() > self.settings.tolerance
+            if far and (trajectory := self._commanded(leg, now, poseless=True)) is not None:
+                gauge.leaving = True
+                return trajectory
+        gauge.wait(self._todo[0][0].location, now, self._at_rest())
+        return None
+
+    def _at_rest(self) -> bool:
+        if self._rest is None:
+            return False
+        return bool(np.abs(self._standing() - self._rest).max() <= self.settings.tolerance)
+
+    def _to_rest(self, here: Array) -> Array:
+        """Postures (K, n) by which the arm gets out of the way: as the program leads to the next
+        location, else as is found."""
+        if self._rest is None or self._gauge is None:
+            return np.empty((0, self._arm.n))
+        way = self._todo[0][0].way
+        ends = np.flatnonzero([np.array_equal(posture, self._rest) for posture in way])
+        if len(ends) and np.abs(way[0] - here).max() <= self.settings.tolerance:
+            return way[1 : ends[0] + 1]
+        if self._way_out is None:
+            return self._rest[None]
+        between = self._way_out(here, self._gauge.at)
+        return np.empty((0, self._arm.n)) if between is None else np.vstack([between, self._rest])
 
     def sent(self, trajectory: Trajectory, now: float) -> Trajectory:
         """The next batch as it is sent `now`: planning it took its time."""
@@ -188,20 +293,20 @@ class MeasuringRun:
             return False
         if self._goal is None:  # it may still be coming to rest
             return self.motion.stopped and self._stands.held >= STANDS
-        if not self._open:
+        if not self._open and not self._poseless:
             return True
         there = np.abs(self._here - self._goal).max() <= self.settings.tolerance
         held = self._stands.held >= self.settings.hold - STAMP_STEP
         return bool(there) and self._left and held and len(self._open) <= self.settings.batch
 
     def _go_to(self, leg: Leg, pose: PlannedPose) -> bool:
-        """To a pose by its approach and a rest there; False when no free way leads to it."""
+        """To a pose by its approach and a rest there; False when no free way leads to it: then it
+        has left the sphere where it was."""
         speed = self.settings.approach_speed
-        back, standoff = self._retreat(leg.here)
-        between = self._between(back[-1] if len(back) else leg.here, pose)
+        self._leave_sphere(leg)
+        between = self._between(leg.here, pose)
         if between is None:
             return False
-        leg.along(back, standoff / speed)
         for posture in between:
             leg.to(posture)
         if len(pose.approach):
@@ -211,6 +316,11 @@ class MeasuringRun:
             leg.to(pose.joints)
         leg.rest(self.settings.hold)
         return True
+
+    def _leave_sphere(self, leg: Leg) -> None:
+        """Along the approach, where the arm is on one."""
+        back, standoff = self._retreat(leg.here)
+        leg.along(back, standoff / self.settings.approach_speed)
 
     def _retreat(self, here: Array) -> tuple[Array, float]:
         """What to go by (K, n) away from a sphere, over how many m, where the arm is on its
@@ -235,8 +345,9 @@ class MeasuringRun:
         found anew where the arm is not where the program has it."""
         if self._way_to is None or not len(pose.approach):
             return pose.way[1:]
-        if len(pose.way) and np.abs(pose.way[0] - start).max() <= self.settings.tolerance:
-            return pose.way[1:]
+        for row, posture in enumerate(pose.way):  # it may have waited for the gauge on the way
+            if np.abs(posture - start).max() <= self.settings.tolerance:
+                return pose.way[row + 1 :]
         return self._way_to(start, pose)
 
     def _no_way(self, here: Array, pose: PlannedPose) -> str:
@@ -289,6 +400,7 @@ class MeasuringRun:
                 self._refuse(planned, outcome.reason.value)
             return None
         self.tally.taken += 1
+        self.locations.take(planned.location)
         return TakenPose(planned, outcome)
 
     def _place_of(self, joints: Array) -> int | None:
@@ -308,14 +420,17 @@ class MeasuringRun:
         self.tally.refused[reason] += 1
         self.tally.refused_at[pose.location, pose.sphere, reason] += 1
         spares = self._spares[pose.location, pose.sphere]
-        if spares and reason != NO_ANSWER:
+        replaced = bool(spares) and reason != NO_ANSWER
+        if replaced:
             self._todo.appendleft((spares.pop(0), 1))
             self.tally.replaced += 1
+        self.locations.refuse(pose.location, reason, replaced)
 
     def overdue(self, now: float) -> bool:
         """Whether the open poses have gone without a sign of life for too long."""
         patience = self.settings.answer_timeout + self.settings.hold
-        return bool(self._open) and self._heard and now - self._sign_of_life > patience
+        waits = bool(self._open) or self._poseless
+        return waits and self._heard and now - self._sign_of_life > patience
 
     def refuse_standstill(self) -> None:
         """Nothing, where the arm has come to where it was commanded to.
@@ -350,6 +465,7 @@ class MeasuringRun:
     def _take_back(self) -> None:
         """Where it goes nobody knows any more; the open poses are to be tried again."""
         self._goal = None
+        self._forget_way_out()
         self._todo.extendleft(reversed(self._open))
         self._open = []
 
@@ -374,7 +490,13 @@ class MeasuringRun:
             self._again(pose, attempt, NO_ANSWER)
         self._open = []
         self._goal = None  # it may still be on its way
+        self._forget_way_out()
         self._sign_of_life = now
+
+    def _forget_way_out(self) -> None:
+        self._poseless = False
+        if self._gauge is not None:
+            self._gauge.leaving = False
 
     def give_up(self, now: float) -> None:
         """Nothing, while there is hope.

@@ -104,7 +104,7 @@ class ProgramSession:
                 self._lost = True
                 self.halt()
             self.run.excuse()
-            if not self._paused:
+            if not self._paused and self.run.awaits is None:
                 self._named(self.run.give_up, now)
         elif self._lost:
             self._lost = False
@@ -138,6 +138,15 @@ class ProgramSession:
         self._paused = False
         self.run.go_on(self._clock())
         return True
+
+    @property
+    def awaits(self) -> int | None:
+        """The location where the gauge is to be carried before anything moves again."""
+        return None if self._halting else self.run.awaits
+
+    def carried(self) -> None:
+        """The gauge stands where it was awaited."""
+        self.run.carried(self._clock())
 
     def go_on_halting(self) -> None:
         """What a tick does for an arm that is to stop, and no more."""

@@ -39,6 +39,11 @@ class Begun:
         """How many poses are there."""
         return 0 if self.poses is None else len(self.poses)
 
+    @property
+    def location(self) -> int | None:
+        """Where the last pose was taken."""
+        return int(self.poses.location[-1]) if self.poses is not None and self.taken else None
+
 
 def begun(bag: str | Path, arm: Arm, probe: Probe, gauge: Gauge) -> Begun:
     """The capture in `bag`, its files made complete where they were cut.

@@ -309,3 +309,51 @@ def test_sizes_are_read_from_a_file(kr5, probe, gauge):
     for wrong in wrongs:
         with pytest.raises(DescriptionError):
             parse_bodies(wrong)
+
+
+def test_gauges_that_stand_elsewhere_are_in_the_way_too(kr5, probe, gauge, bodies):
+    generator = np.random.default_rng(11)
+    places = [stand(generator) for _ in range(3)]
+    alone, standing = CollisionCheck(kr5, bodies), CollisionCheck(kr5, bodies, places[:2])
+    postures = anywhere(kr5, generator, 60)
+    for place, others in ((places[0], [places[1]]), (places[2], places[:2])):
+        standing.put_gauge(place, 6)
+        seen, gaps = standing_touches(standing, postures)
+        expected, nearest = False, np.inf
+        for at, probed in ((place, 6), *((other, -1) for other in others)):
+            alone.put_gauge(at, probed)
+            touches, gap = standing_touches(alone, postures)
+            expected, nearest = expected | touches, np.minimum(nearest, gap)
+        assert np.array_equal(seen, expected)
+        assert np.abs(gaps - nearest).max() < 1e-9
+        assert seen.any()
+        assert not seen.all()
+
+
+def standing_touches(check, postures):
+    """Whether something touches in each posture (N, n), and the gap to what is outside (N,)."""
+    touches = [check.touches(q) for q in postures]
+    return np.array(touches), np.array([check.gap_outside(q)[0] for q in postures])
+
+
+def test_a_program_among_gauges_that_all_stand_touches_none_of_them(
+    kr5, probe, gauge, placements, bodies
+):
+    places = {number: placements[number] for number in (2, 4, 7)}
+    settings = ProgramSettings(spheres=(11,), poses_per_sphere=4, pool=1, standing=True)
+    program = Planner(kr5, probe, gauge, settings).program(places, (4, 2))
+    assert [pose.location for pose in program.poses] == 4 * [4] + 4 * [2]
+    for pose in program.poses:
+        postures = np.vstack([finely(pose.way, pose.approach[:1]), pose.approach, pose.joints])
+        for number, place in places.items():
+            probed = pose.sphere if number == pose.location else None
+            gaps = smallest_clearance(kr5, bodies, postures, place, probed)
+            assert gaps.min() > 0, (pose.location, number)
+
+
+def finely(way, end):
+    """Postures (N, n) all along a way."""
+    ends = np.vstack([way, end])
+    steps = np.linspace(0, 1, 8, endpoint=False)[:, None]
+    pieces = zip(ends, ends[1:], strict=False)
+    return np.vstack([one + steps * (other - one) for one, other in pieces])
