@@ -20,6 +20,7 @@ from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 from visualization_msgs.msg import MarkerArray
 
@@ -270,6 +271,34 @@ def test_a_taught_location_is_where_the_next_run_measures(
     assert client.result(handle)[1].taken == 4
     poses = read_measurement(tmp_path / 'second').poses
     assert set(poses.location) == {3}
+
+
+def test_a_gauge_carried_elsewhere_is_taught_there_and_the_rest_is_planned_from_it(
+    graph, client, kr5, probe, gauge, placements, config, tmp_path
+):
+    """Location 1 was to be 25 mm from where the bar is put down."""
+    off = placements[1].translation + [0.0, 0.015, -0.02]
+    told = {3: placements[3], 1: RigidTransform(off, placements[1].rotation_vector)}
+    (tmp_path / 'told.yaml').write_text(placements_yaml(told))
+    start(graph, config, placements=tmp_path / 'told.yaml')
+    settings = ProgramSettings(spheres=(2, 12), poses_per_sphere=2)
+    program = Planner(kr5, probe, gauge, settings).program(placements, [1])
+    posture = {plan.sphere: plan.poses[0].joints for plan in program.spheres}
+    goal = {'locations': [3, 1], 'spheres': [2, 12], 'poses_per_sphere': 2}
+    handle = client.send(**goal, bag=str(tmp_path / 'bag'))
+    client.until(lambda: client.feedback and client.feedback[-1].location == 1)
+    assert (client.feedback[-1].sphere, client.feedback[-1].taken) == (0, 4)
+    for sphere in posture:
+        client.stand(posture[sphere])
+        assert 'is to stand at location 1 now' in client.teach(3, sphere).message
+        taught = client.teach(1, sphere)
+        assert taught.success, taught.message
+    go_on = client.perfect.node.create_client(Trigger, '/capture/continue')
+    assert client.asked(go_on, Trigger.Request()).message == 'going on at location 1'
+    status, result = client.result(handle)
+    assert (status, result.success) == (GoalStatus.STATUS_SUCCEEDED, True), result.message
+    poses = read_measurement(tmp_path / 'bag').poses
+    assert poses.location.tolist() == 4 * [3] + 4 * [1]
 
 
 def test_what_cannot_be_taught_is_said(graph, client, config, tmp_path):
