@@ -75,3 +75,28 @@ def test_a_detour_goes_around_a_wall_and_not_through_a_closed_one():
     assert 3 <= len(way) <= 6  # shortened
     assert all(free(a, b, 1.0) for a, b in zip(way, way[1:], strict=False))
     assert found(9.0) is None
+
+
+def test_an_arm_leaves_what_it_touches_by_a_joint_and_never_comes_nearer(
+    kr5, probe, gauge, placements
+):
+    bodies = bodies_of(kr5, probe, gauge)
+    check = CollisionCheck(kr5, bodies)
+    ways = FreePaths(kr5, check, bodies, 0.0)
+    generator, left = np.random.default_rng(4), 0
+    for number in (2, 5, 6):
+        place = placements[number]
+        check.put_gauge(place, -1)
+        for start in generator.uniform(-1.5, 1.5, (40, 6)):
+            free = ways.left(start)
+            if ways.clear(start):
+                assert np.array_equal(free, start)
+            elif free is not None:
+                left += 1
+                assert np.count_nonzero(free - start) == 1
+                along = start + np.linspace(0, 1, 30)[:, None] * (free - start)
+                gaps = smallest_clearance(kr5, bodies, along, place, None)
+                outside = np.array([check.gap_outside(q, False)[0] for q in along])
+                assert gaps[-1] > 0
+                assert (np.diff(outside) > -1e-3).all()
+    assert left > 5
