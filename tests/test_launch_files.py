@@ -4,8 +4,10 @@
 import importlib.util
 import json
 import os
+import re
 import sys
 import types
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
@@ -178,4 +180,19 @@ def test_the_layouts_show_topics_that_there_are():
         for path in panel['paths']
     ]
     shown |= {path.split('.')[0] for path in plots}
-    assert {'/capture/markers', '/solver/markers', '/diagnostics'} <= shown <= KNOWN
+    assert {'/capture/markers', '/solver/markers', '/capture/quality'} <= shown <= KNOWN
+
+
+@pytest.mark.parametrize('layout', ['foxglove/calibration.json', 'plotjuggler/calibration.xml'])
+def test_the_layouts_plot_fields_that_the_messages_have(layout):
+    interfaces = pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
+    text = (BRINGUP / layout).read_text()
+    of_run = set(re.findall(r'/capture/quality[./](\w+)', text))
+    of_spheres = set(re.findall(r'/capture/quality[./]spheres\[\d\][./](\w+)', text))
+    assert of_run <= set(interfaces.CaptureQuality.get_fields_and_field_types())
+    assert of_spheres <= set(interfaces.SphereQuality.get_fields_and_field_types())
+    assert {'two_sigma', 'two_sigma_identified', 'taken', 'left', 'spheres'} <= of_run
+    assert 'two_sigma_identified' in of_spheres
+    if layout.endswith('.xml'):
+        curves = [curve.get('name') for curve in ET.fromstring(text).iter('curve')]
+        assert len(curves) == len(set(curves)) > 20

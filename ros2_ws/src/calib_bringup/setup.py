@@ -25,7 +25,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
-        *shared('config', 'launch', 'rviz', 'foxglove', 'security', 'data'),
+        *shared('config', 'launch', 'rviz', 'foxglove', 'plotjuggler', 'security', 'data'),
     ],
     install_requires=['setuptools'],
     # signals wait until Python can answer them, as calib_model.starting says

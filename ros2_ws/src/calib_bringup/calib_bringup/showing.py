@@ -12,7 +12,6 @@ from calib_model.urdf import arm_urdf
 
 DEFAULT_ARM = 'config/arms/kuka_kr5_sixx_r650.yaml'
 RVIZ_LAYOUT = 'rviz/calibration.rviz'
-FOXGLOVE_LAYOUT = 'foxglove/calibration.json'
 
 
 def robot_description(arm: str = '') -> str:

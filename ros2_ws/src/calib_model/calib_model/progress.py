@@ -5,13 +5,15 @@ from __future__ import annotations
 
 import io
 import math
+import os
 import sys
 import time
 from collections.abc import Iterator, Sequence
 from typing import TextIO, TypeVar
 
 T = TypeVar('T')
-BAR = 30
+BAR, SHORTEST_BAR = 30, 8
+COLUMNS = 80
 BAR_PERIOD = 0.1  # s
 LINE_PERIOD = 5.0  # s
 FIRST = 0.02  # of the work
@@ -44,15 +46,19 @@ class Progress:
         if now - self._shown < period:
             return
         self._shown = now
-        left = f', {_duration(seconds_left)} left' if math.isfinite(seconds_left) else ''
+        left = f', {in_words(seconds_left)} left' if math.isfinite(seconds_left) else ''
         if not self._bar:
             count = f'{done} of {planned}' if done <= planned else f'{done}'  # led by hand: more
             line = f'{count} {things or self._things}{left}, {where}'
             print(line, file=self._stream, flush=True)
             return
-        filled = min(BAR, BAR * done // max(planned, 1))
-        bar = '#' * filled + '.' * (BAR - filled)
-        print(f'\r[{bar}] {done}/{planned}{left}, {where}\x1b[K', end='', file=self._stream)
+        text = f' {done}/{planned}{left}, {where}'
+        # a line that wraps cannot be written over
+        room = _columns(self._stream) - 1
+        bar = max(min(BAR, room - len(text) - 2), SHORTEST_BAR)
+        filled = min(bar, bar * done // max(planned, 1))
+        line = f'[{"#" * filled}{"." * (bar - filled)}]{text}'
+        print(f'\r{line[:room]}\x1b[K', end='', file=self._stream)
         self._stream.flush()
         self._open = True
 
@@ -113,7 +119,16 @@ def paced(
     pace.end()
 
 
-def _duration(seconds: float) -> str:
+def _columns(stream: TextIO) -> int:
+    """Of the terminal that a stream writes to."""
+    try:
+        return os.get_terminal_size(stream.fileno()).columns or COLUMNS
+    except (OSError, ValueError):  # no terminal after all, as in a test
+        return COLUMNS
+
+
+def in_words(seconds: float) -> str:
+    """A duration, s, as people say it."""
     whole = round(seconds)
     if whole < 60:
         return f'{whole} s'

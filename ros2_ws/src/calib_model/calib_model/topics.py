@@ -11,6 +11,7 @@ DISPLACEMENTS = 'calib_interfaces/msg/StylusDisplacements'
 PROBING_POSE = 'calib_interfaces/msg/ProbingPose'
 MEASURED_POINT = 'calib_interfaces/msg/MeasuredPoint'
 STRING = 'std_msgs/msg/String'
+QUALITY = 'calib_interfaces/msg/CaptureQuality'
 MARKERS = 'visualization_msgs/msg/MarkerArray'
 TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
 
@@ -59,6 +60,7 @@ PROBE_DESCRIPTION = Topic('/probe_description', STRING, depth=1, latched=True)
 GAUGE_DESCRIPTION = Topic('/gauge_description', STRING, depth=1, latched=True)
 ROBOT_DESCRIPTION = Topic('/robot_description', STRING, depth=1, latched=True)
 CAPTURE_MARKERS = Topic('/capture/markers', MARKERS, depth=1, latched=True)
+CAPTURE_QUALITY = Topic('/capture/quality', QUALITY, depth=1, latched=True)
 SOLVER_MARKERS = Topic('/solver/markers', MARKERS, depth=1, latched=True)
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', depth=10)
 CONTROLLER = 'arm_controller'

@@ -70,3 +70,13 @@ def test_more_than_was_to_be_had_is_no_share_of_it(clock):
         Progress(stream).show(12, 10, float('nan'), 'sphere 1', clock[0], 'poses')
         assert said in stream.getvalue()
         assert '#' * 31 not in stream.getvalue()
+
+
+def test_a_line_on_a_terminal_never_wraps():
+    stream = Terminal()
+    bar = Progress(stream)
+    bar.show(7, 1680, 3725.0, 'location 12, sphere 14, ' + 'and so on ' * 20, 1.0)
+    (_, line) = stream.getvalue().split('\r')
+    shown = line.removesuffix('\x1b[K')
+    assert len(shown) < 80
+    assert shown.startswith('[........] 7/1680, 1.0 h left, location 12, sphere 14')

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib_capture import motion, program
+from calib_capture import motion, program, recording
 from calib_capture.default_files import FILES, configured, refuse_other_arm
 from calib_model import descriptions
 from calib_model.command_line import CommandParser, number_from, run_command, whole_from
@@ -22,8 +22,9 @@ MOST_POSES, MOST_POOL = 100_000, 1000
 ABOUT = """\
 Plan the measuring program that `capture` with the same settings would run, and tell of it: how
 many poses each sphere gets in which branch of the arm, which postures were refused and why, how
-many ways between poses go around something, and how sure positions are to be expected after a
-calibration with these poses.
+many ways between poses go around something, how long the capture will take with its other
+parameters as they are by default, and how sure positions are to be expected after a calibration
+with these poses.
 
 Nothing may touch: arm, probe, the gauge where it stands, and the floor, which is the plane on
 which the arm is mounted. How thick links are is assumed from the arm's reach; before a real arm
@@ -57,6 +58,7 @@ def planned(given: argparse.Namespace) -> program.Program:
     if not given.placements:
         refuse_other_arm(arm.name)
     placements = configured('placements', given.placements, descriptions.parse_placements)
+    standing = configured('arm', given.arm, descriptions.parse_standing) or descriptions.Standing()
     settings = program.ProgramSettings(
         spheres=tuple(given.spheres or ()),
         poses_per_sphere=given.poses,
@@ -67,9 +69,10 @@ def planned(given: argparse.Namespace) -> program.Program:
         standing=given.between_locations == program.GO,
         seed=given.seed,
     )
-    return program.Planner(arm, probe, gauge, settings).program(
+    found = program.Planner(arm, probe, gauge, settings).program(
         placements, given.locations or (), Progress(sys.stderr)
     )
+    return recording.RunSettings(hold=standing.hold).timed(found, arm)
 
 
 def described(given: argparse.Namespace) -> tuple[Arm, Probe, Gauge]:

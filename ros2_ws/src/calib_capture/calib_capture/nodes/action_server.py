@@ -19,8 +19,8 @@ from rclpy.task import Future
 
 from calib_capture.nodes.capture_graph import TICK, CaptureNode
 from calib_capture.nodes.capture_run import CaptureRun, Stopped, Unfinished, Watcher
-from calib_capture.nodes.marker_publisher import MarkerPublisher
 from calib_capture.nodes.parameters import CaptureParameters, ParameterReader
+from calib_capture.nodes.run_display import RunDisplay
 from calib_capture.nodes.teach_service import TeachService
 from calib_capture.recording import HandGuidedSession, ProgramSession, TakingSession
 from calib_model.errors import CalibrationError
@@ -53,7 +53,7 @@ class CaptureServer:
         self._executor = executor
         self._stopped = stopped
         self._given = node.asked
-        self._showing = MarkerPublisher(node)
+        self._showing = RunDisplay(node)
         self._teaching = TeachService(node, self._showing)
         self._ready = False
         self._taken = False  # a goal is accepted and not yet answered
@@ -157,6 +157,8 @@ class CaptureServer:
             bag=bag if written else '',
             taken=capturing.tally.taken,
             refused=sum(capturing.tally.refused.values()),
+            reasons=list(capturing.tally.refused),
+            refused_by_reason=list(capturing.tally.refused.values()),
         )
 
 
@@ -180,6 +182,9 @@ class _Feedback:
                 sphere=current.sphere if current is not None else 0,
                 taken=tally.taken,
                 refused=sum(tally.refused.values()),
+                reasons=list(tally.refused),
+                refused_by_reason=list(tally.refused.values()),
+                left=max(tally.planned - tally.done, 0),
                 planned=tally.planned,
                 seconds_left=session.run.seconds_left(now),
             )

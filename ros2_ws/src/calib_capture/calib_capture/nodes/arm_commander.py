@@ -36,7 +36,7 @@ class ArmCommander:
 
     def __init__(self, node: Node, controller: str = CONTROLLER, how: str = TOPIC) -> None:
         self._node = node
-        self._topic, self._controller, self._how = commanded(controller), controller, how
+        self.topic, self._controller, self._how = commanded(controller), controller, how
         self._action: GoalSender | None = None
         self._publisher: Publisher | None = None
         self._own: tuple[int, ...] = ()
@@ -49,7 +49,7 @@ class ArmCommander:
         """
         if self._rivals():
             raise RunError(
-                f'{self._topic.name}: another capture commands the arm '
+                f'{self.topic.name}: another capture commands the arm '
                 f'({node_names(self._rivals)}): start when it is done'
             )
 
@@ -62,7 +62,7 @@ class ArmCommander:
         self.refuse_rivals()
         before = {_gid(at) for at in self._published()}
         self._publisher = self._node.create_publisher(
-            JointTrajectory, self._topic.relative, qos_of(self._topic)
+            JointTrajectory, self.topic.relative, qos_of(self.topic)
         )
         if self._how != TOPIC:
             self._action = goal_sender(self._node, self._controller)
@@ -81,14 +81,17 @@ class ArmCommander:
     @property
     def where(self) -> str:
         """The topic or the action that an arm is to listen to."""
-        return follow_action(self._controller) if self._how == ACTION else self._topic.name
+        return follow_action(self._controller) if self._how == ACTION else self.topic.name
 
-    def send(self, names: Sequence[str], trajectory: Trajectory) -> None:
-        """Pass on a command, while it is ours to do so."""
+    def send(self, names: Sequence[str], trajectory: Trajectory) -> bytes:
+        """Pass on a command, while it is ours to do so; its message on `topic`, by whichever way it
+        went, as CDR bytes."""
+        data = trajectory_cdr(names, trajectory)
         if self._action is not None and self._action.ready:
             self._action.send(joint_trajectory(names, trajectory))
         elif self._publisher is not None:
-            self._publisher.publish(trajectory_cdr(names, trajectory))
+            self._publisher.publish(data)
+        return data
 
     @property
     def problem(self) -> str:
@@ -106,7 +109,7 @@ class ArmCommander:
         self._publisher, self._own, self._action = None, (), None
 
     def _published(self) -> list[Any]:
-        return list(self._node.get_publishers_info_by_topic(self._topic.relative))
+        return list(self._node.get_publishers_info_by_topic(self.topic.relative))
 
     def _rivals(self) -> list[Any]:
         poses = self._node.get_publishers_info_by_topic(CAPTURE_POSES.relative)

@@ -266,6 +266,10 @@ class CaptureNode(Node):
             missing.append(PROBE_DISPLACEMENTS.name)
         return ', '.join(missing)
 
+    def timed(self, program: Program) -> Program:
+        """The program with how long it takes when it is commanded as was asked."""
+        return self.asked.standing_as(self._standing()).run.timed(program, self.arm)
+
     def refuse_real_probe(self, program: Program) -> None:
         """Nothing, where a gauge that nobody carries is asked for in a simulation.
 
@@ -469,7 +473,9 @@ class CaptureNode(Node):
             self.failure = error
 
     def _command(self, trajectory: Trajectory) -> None:
-        self.commanding.send(self._joint_names, trajectory)
+        sent = self.commanding.send(self._joint_names, trajectory)
+        if (session := self._program_session()) is not None:
+            session.recorder.raw(self.commanding.topic, sent, time.time_ns())
 
     def _announce(self, pose: bytes) -> None:
         self._poses.publish(pose)

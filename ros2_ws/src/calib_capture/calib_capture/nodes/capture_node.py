@@ -18,11 +18,11 @@ from rclpy.parameter import Parameter
 from calib_capture.nodes.action_server import CaptureServer
 from calib_capture.nodes.capture_graph import CaptureNode
 from calib_capture.nodes.capture_run import CaptureRun, Stopped, Unfinished, Watcher
-from calib_capture.nodes.marker_publisher import MarkerPublisher
 from calib_capture.nodes.parameters import PROGRAM, ParameterReader
+from calib_capture.nodes.run_display import RunDisplay
 from calib_capture.nodes.teach_service import TeachService
 from calib_capture.program import TaughtBook
-from calib_capture.recording import HandGuidedSession, ProgramSession, TakingSession
+from calib_capture.recording import HandGuidedSession, ProgramSession, TakingSession, Tally
 from calib_model.command_line import run_command
 from calib_model.errors import ParameterError
 from calib_model.nodes import NodeCommand, init, lean_executor, warn_of_unknown
@@ -61,7 +61,7 @@ def _too_late(_: Sequence[Parameter]) -> SetParametersResult:
 
 def _run_once(node: CaptureNode, executor: Executor, stop: _Stop) -> int:
     """One run of the command, with a progress bar."""
-    progress, showing = Progress(), MarkerPublisher(node)
+    progress, showing = Progress(), RunDisplay(node)
     node.add_on_set_parameters_callback(_too_late)
     if node.asked.run.carried and node.asked.mode == PROGRAM:
         TeachService(node, showing).busy = True  # but while the gauge is carried
@@ -71,7 +71,8 @@ def _run_once(node: CaptureNode, executor: Executor, stop: _Stop) -> int:
     def show(session: ProgramSession | HandGuidedSession | TakingSession) -> None:
         tally, current, now = session.tally, session.run.current, time.monotonic()
         if current is not None:
-            where = f'location {current.location}, sphere {current.sphere}'
+            counts = f'{tally.so_far()}, ' if isinstance(tally, Tally) else ''
+            where = f'{counts}location {current.location}, sphere {current.sphere}'
             left = session.run.seconds_left(now)
             progress.show(tally.done, tally.planned, left, where, now)
 

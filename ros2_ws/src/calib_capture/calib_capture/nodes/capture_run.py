@@ -13,8 +13,8 @@ from rclpy.executors import Executor
 
 from calib_capture.nodes.capture_graph import TICK, CaptureNode
 from calib_capture.nodes.interventions import Carrying, Keys
-from calib_capture.nodes.marker_publisher import MarkerPublisher
 from calib_capture.nodes.parameters import CONTINUOUS
+from calib_capture.nodes.run_display import RunDisplay
 from calib_capture.program import Program
 from calib_capture.recording import (
     Begun,
@@ -30,6 +30,7 @@ from calib_capture.recording import (
     begun,
     remaining,
 )
+from calib_capture.showing import RefusalNews
 from calib_model.bags import read_note
 from calib_model.errors import BagError, CalibrationError
 from calib_model.instruments import PassiveProbe
@@ -62,7 +63,7 @@ class CaptureRun:
     """Waits for arm and probe, plans, measures; `tally` says how it went, also after an error."""
 
     def __init__(
-        self, node: CaptureNode, executor: Executor, watcher: Watcher, showing: MarkerPublisher
+        self, node: CaptureNode, executor: Executor, watcher: Watcher, showing: RunDisplay
     ) -> None:
         self._node = node
         self._executor = executor
@@ -102,6 +103,7 @@ class CaptureRun:
             self._watcher.say(f'{node.asked.output}: {there.taken} poses are there already')
         if not left.poses and there.taken:
             return f'{node.asked.output}: complete with {there.taken} poses'
+        self._showing.begin(there.poses)
         node.listen()
         try:
             node.commanding.take()
@@ -138,8 +140,8 @@ class CaptureRun:
     def _plan(self, locations: Sequence[int]) -> Program | None:
         """The program, made beside the graph: whoever asks meanwhile gets an answer. None when the
         watcher wanted it to stop."""
-        planner, places = self._node.planner(), self._places
-        planned = _Beside(lambda: planner.program(places, locations))
+        node, planner, places = self._node, self._node.planner(), self._places
+        planned = _Beside(lambda: node.timed(planner.program(places, locations)))
         while planned.is_alive():
             if self._watcher.stopped():
                 return None
@@ -164,7 +166,8 @@ class CaptureRun:
         if node.asked.run.carried and len(session.run.to_come) > 1 and session.awaits is None:
             self._watcher.say(f'the bar is to stand at location {session.run.to_come[0]}')
         self.tally = session.tally
-        stopped = False
+        stopped = at_rest = False
+        news = RefusalNews()
         try:
             with session.recorder:
                 while not (session.finished or stopped or node.failure):
@@ -172,13 +175,18 @@ class CaptureRun:
                     self._remind()
                     self._watcher.show(session)
                     self._showing.progress(session)
+                    for line in news.of(session.tally):
+                        self._watcher.say(line)
                     self._tell_ended(session)
                     if carrying.done(session):
                         self._go_on(session, there, carrying)
                     stopped = self._watcher.stopped() or node.interventions.stop
+                if not session.finished:
+                    self._bring_to_rest()
+                    at_rest = True
                 session.finish()
         finally:
-            if not session.finished:
+            if not (session.finished or at_rest):
                 self._bring_to_rest()
             node.end()
         self._showing.progress(session, last=True)

@@ -4,10 +4,13 @@
 from __future__ import annotations
 
 from array import array
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from builtin_interfaces.msg import Duration
+from calib_interfaces.msg import CaptureQuality, SphereQuality
 from geometry_msgs.msg import Point, Vector3
 from rcl_interfaces.msg import ParameterDescriptor
 from sensor_msgs.msg import JointState
@@ -16,7 +19,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from visualization_msgs.msg import Marker as MarkerMessage, MarkerArray
 
 from calib_capture.motion import Trajectory
-from calib_capture.program import SPHERES, Color, Marker
+from calib_capture.showing import SPHERES, Color, Marker, SphereProgress
 from calib_model.arrays import Array
 from calib_model.nodes import time_of
 from calib_model.stamps import SECOND
@@ -78,6 +81,49 @@ def marker_array(frame: str, markers: Sequence[Marker]) -> MarkerArray:
     header = Header(frame_id=frame)
     first = MarkerMessage(header=header, action=MarkerMessage.DELETEALL)
     return MarkerArray(markers=[first, *(_marker(header, marker) for marker in markers)])
+
+
+def capture_quality(
+    stamp: int, frame: str, spheres: Sequence[SphereProgress], seconds_left: float
+) -> CaptureQuality:
+    """How a run is going, at a stamp (ns), in the frame of the arm's base."""
+    refused: Counter[str] = Counter()
+    for each in spheres:
+        refused.update(each.refused)
+    return CaptureQuality(
+        header=Header(stamp=time_of(stamp), frame_id=frame),
+        planned=sum(each.planned for each in spheres),
+        taken=sum(each.taken for each in spheres),
+        refused=refused.total(),
+        reasons=list(refused),
+        refused_by_reason=list(refused.values()),
+        left=sum(each.left for each in spheres),
+        seconds_left=seconds_left,
+        two_sigma=_largest([each.two_sigma.nominal for each in spheres]),
+        two_sigma_identified=_largest([each.two_sigma.identified for each in spheres]),
+        spheres=[_sphere_quality(each) for each in spheres],
+    )
+
+
+def _sphere_quality(of: SphereProgress) -> SphereQuality:
+    return SphereQuality(
+        location=of.location,
+        sphere=of.sphere,
+        planned=of.planned,
+        taken=of.taken,
+        refused=sum(of.refused.values()),
+        reasons=list(of.refused),
+        refused_by_reason=list(of.refused.values()),
+        left=of.left,
+        two_sigma=of.two_sigma.nominal,
+        two_sigma_identified=of.two_sigma.identified,
+    )
+
+
+def _largest(values: Sequence[Array]) -> float:
+    """NaN where there is none."""
+    known = [float(value.max()) for value in values if np.isfinite(value).all()]
+    return max(known, default=float('nan'))
 
 
 def _marker(header: Header, marker: Marker) -> MarkerMessage:

@@ -29,7 +29,8 @@ DELIVERY = 2.0  # s to wait at the end for what reliable subscribers have not ac
 
 ABOUT = """\
 Play a recorded bag back onto its topics, with the QoS and in the time order of the recording;
-latched descriptions come first. A bag that was cut short is played as far as it goes."""
+latched descriptions come first. A bag that was cut short is played as far as it goes. Trajectories
+that an arm was sent are left out: one that listens would move."""
 
 EXAMPLE = """\
 example:
@@ -47,6 +48,8 @@ class ReplayNode(Node):
         for message in (*playback.latched, *playback.timed):
             if message.topic not in self._topics and message.topic not in skipped:
                 self._offer(message, skipped)
+        for topic in playback.commands:
+            self.get_logger().info(f'{topic} is left out: an arm that listens would move')
         self._clock = self.create_publisher(Clock, '/clock', 10) if clock else None
 
     def _offer(self, message: BagMessage, skipped: set[str]) -> None:

@@ -10,7 +10,7 @@ from collections import deque
 from calib_interfaces.srv import Teach
 
 from calib_capture.nodes.capture_graph import CaptureNode
-from calib_capture.nodes.marker_publisher import MarkerPublisher
+from calib_capture.nodes.run_display import RunDisplay
 from calib_capture.program import (
     TaughtBook,
     TaughtSphere,
@@ -34,7 +34,7 @@ class TeachService:
         DescriptionError: the file of what was taught before is there and cannot be read.
     """
 
-    def __init__(self, node: CaptureNode, showing: MarkerPublisher) -> None:
+    def __init__(self, node: CaptureNode, showing: RunDisplay) -> None:
         self._node = node
         self._showing = showing
         self._book = TaughtBook(node.asked.taught)

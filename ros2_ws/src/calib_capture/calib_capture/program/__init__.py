@@ -10,19 +10,15 @@ if TYPE_CHECKING:
         branch_names as branch_names,
         joints_of as joints_of,
     )
+    from calib_capture.program.duration import (
+        motion_seconds as motion_seconds,
+        visit as visit,
+    )
     from calib_capture.program.free_posture import (
         posture_to_begin_in as posture_to_begin_in,
     )
     from calib_capture.program.listing import (
         program_text as program_text,
-    )
-    from calib_capture.program.markers import (
-        SPHERES as SPHERES,
-        Color as Color,
-        Marker as Marker,
-        gauge_markers as gauge_markers,
-        outcome_markers as outcome_markers,
-        program_markers as program_markers,
     )
     from calib_capture.program.place_listing import (
         placed_text as placed_text,

@@ -3,17 +3,19 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 
 from calib_capture.program.program import Program
+from calib_model.progress import in_words
 
 FREQUENT = 3  # reasons named per sphere
 
 
 def program_text(program: Program) -> list[str]:
     """Lines: poses per sphere and branch, what was refused and why, how many ways go around
-    something, what is to be expected."""
+    something, what is to be expected of it, and how long it takes where that is known."""
     locations = {plan.location for plan in program.spheres}
     counted = f'{_count(len(program.spheres), "sphere")} at {_count(len(locations), "location")}'
     lines = [f'{_count(len(program.poses), "pose")} of {counted}', '']
@@ -27,6 +29,8 @@ def program_text(program: Program) -> list[str]:
         if not plan.poses:
             why = ', '.join(f'{reason} {n}' for reason, n in plan.reasons.items())
             lines.append(f'location {plan.location}: sphere {plan.sphere} is out of reach: {why}')
+    if math.isfinite(program.seconds):
+        lines += ['', f'expected duration of the capture: {in_words(program.seconds)}']
     if program.expected is not None:
         after = program.expected.after * 1e3
         lines += [

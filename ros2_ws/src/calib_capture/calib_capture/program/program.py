@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
@@ -135,6 +136,7 @@ class Program:
     a pose was left out, to one that is tried again. None where the arm is to go straight.
     `touching` says what touches in a posture (n,) before the gauge of a pose, '' for nothing.
     At `rest` (n,) the arm is out of the way of whoever carries the gauge; `way_out` leads there.
+    `seconds` is how long the arm takes for all of it; NaN where nobody has said how it moves.
     """
 
     spheres: tuple[SpherePlan, ...]
@@ -143,6 +145,7 @@ class Program:
     touching: Contacts | None = field(default=None, compare=False, repr=False)
     rest: Array | None = field(default=None, compare=False, repr=False)
     way_out: WayOut | None = field(default=None, compare=False, repr=False)
+    seconds: float = field(default=math.nan, compare=False)
     poses: tuple[PlannedPose, ...] = field(init=False)
 
     def __post_init__(self) -> None:

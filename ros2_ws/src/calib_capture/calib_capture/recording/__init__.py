@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         RunError as RunError,
         RunSettings as RunSettings,
         SourceError as SourceError,
+        TakenPose as TakenPose,
         Tally as Tally,
     )
     from calib_capture.recording.program_session import (

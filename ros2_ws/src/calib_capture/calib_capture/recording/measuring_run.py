@@ -4,13 +4,20 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calib_capture.motion import ACCELERATION, JERK, Leg, Trajectory, motion_limits
-from calib_capture.program import PlannedPose, Program
-from calib_capture.recording.commanded_motion import CommandedMotion, StandingMean
+from calib_capture.motion import (
+    ACCELERATION,
+    JERK,
+    Leg,
+    MotionLimits,
+    Trajectory,
+    motion_limits,
+)
+from calib_capture.program import PlannedPose, Program, motion_seconds, visit
+from calib_capture.recording.commanded_motion import LEAD, CommandedMotion, StandingMean
 from calib_capture.recording.locations import Locations, OneGauge
 from calib_model.arrays import Array
 from calib_model.errors import CalibrationError
@@ -29,7 +36,6 @@ WORTH_ANOTHER_TRY = (
 STILL = 5e-4  # rad: more than encoders scatter
 STANDS = 0.1  # s before an arm counts as standing that nobody commanded there
 RESERVE = 0.85  # of acceleration and jerk is planned with: a stop may need the rest
-BETWEEN = 1.5  # s from one approach to the next, before there is a pace to tell by
 STAMP_STEP = 1e-6  # s: stamps are rounded
 STEP_ASIDE = 0.01  # rad of the last joint: enough for a new stop, little for the probe
 
@@ -69,6 +75,19 @@ class RunSettings:
     attempts: int = 2
     carried: bool = False
 
+    def limits(self, arm: Arm) -> MotionLimits:
+        """What motion is planned with."""
+        whole = motion_limits(arm, self.acceleration, self.jerk)
+        return whole.share(self.speed, RESERVE, RESERVE)
+
+    def timed(self, program: Program, arm: Arm) -> Program:
+        """The program with how long it takes when it is commanded so."""
+        moving = motion_seconds(
+            program, self.limits(arm), self.approach_speed, self.hold, self.batch
+        )
+        commands = -(-len(program.poses) // self.batch)
+        return replace(program, seconds=moving + LEAD * commands)
+
 
 @dataclass(frozen=True)
 class TakenPose:
@@ -101,10 +120,17 @@ class Tally:
 
     def line(self) -> str:
         """Counts in words."""
-        parts = [f'{count} {reason}' for reason, count in self.refused.most_common()]
+        why = f' ({self._reasons()}; {self.replaced} replaced)' if self.refused else ''
+        return f'{self.taken} poses taken, {sum(self.refused.values())} refused{why}'
+
+    def so_far(self) -> str:
+        """The same in a few words, while there is more to come."""
+        why = f' ({self._reasons()})' if self.refused else ''
         refused = sum(self.refused.values())
-        why = f' ({", ".join(parts)}; {self.replaced} replaced)' if parts else ''
-        return f'{self.taken} poses taken, {refused} refused{why}'
+        return f'{self.taken} taken, {refused} refused{why}, {self.left} to go'
+
+    def _reasons(self) -> str:
+        return ', '.join(f'{count} {reason}' for reason, count in self.refused.most_common())
 
 
 class MeasuringRun:
@@ -129,17 +155,14 @@ class MeasuringRun:
     ) -> None:
         self.settings = settings
         self.tally = Tally(len(program.poses))
-        standoffs = sum(pose.standoff for pose in program.poses)
-        self._expected = 2 * standoffs / settings.approach_speed
-        self._expected += (settings.hold + BETWEEN) * len(program.poses)
+        self._expected = program.seconds
         self._way_to, self._touching = program.way_to, program.touching
         self._spares = {(plan.location, plan.sphere): list(plan.spares) for plan in program.spheres}
         self._arm = arm
         self._todo = deque[tuple[PlannedPose, int]]((pose, 1) for pose in program.poses)
         self._open: list[tuple[PlannedPose, int]] = []
-        limits = motion_limits(arm, settings.acceleration, settings.jerk)
-        self._limits = limits.share(settings.speed, RESERVE, RESERVE)
-        self.motion = CommandedMotion(limits)
+        self._limits = settings.limits(arm)
+        self.motion = CommandedMotion(motion_limits(arm, settings.acceleration, settings.jerk))
         self._here: Array | None = None
         self._stands = StandingMean(STILL)
         self._goal: Array | None = None
@@ -147,6 +170,8 @@ class MeasuringRun:
         self._heard = True  # whether it has been heard of since then
         self.paused = False
         self._visited: list[PlannedPose] = []  # those of the last command
+        self.taken: list[TakenPose] = []
+        self.refused: list[PlannedPose] = []
         self._sign_of_life = self._progress = self._start = now
         self._poseless = False  # whether it was last commanded to where no pose is
         self.locations = Locations(program.poses)
@@ -195,6 +220,12 @@ class MeasuringRun:
     def finished(self) -> bool:
         """Whether every pose has been taken or given up, and the arm is where it was sent."""
         return not (self._todo or self._open or self._poseless)
+
+    @property
+    def left_at(self) -> Counter[tuple[int, int]]:
+        """Poses that are still to be tried, by location and sphere."""
+        waiting = (*self._todo, *self._open)
+        return Counter((pose.location, pose.sphere) for pose, _ in waiting)
 
     @property
     def current(self) -> PlannedPose | None:
@@ -307,14 +338,7 @@ class MeasuringRun:
         between = self._between(leg.here, pose)
         if between is None:
             return False
-        for posture in between:
-            leg.to(posture)
-        if len(pose.approach):
-            leg.to(pose.approach[0])
-            leg.along(np.vstack([pose.approach[1:], pose.joints]), pose.standoff / speed)
-        else:
-            leg.to(pose.joints)
-        leg.rest(self.settings.hold)
+        visit(leg, pose, between, speed, self.settings.hold)
         return True
 
     def _leave_sphere(self, leg: Leg) -> None:
@@ -401,7 +425,8 @@ class MeasuringRun:
             return None
         self.tally.taken += 1
         self.locations.take(planned.location)
-        return TakenPose(planned, outcome)
+        self.taken.append(TakenPose(planned, outcome))
+        return self.taken[-1]
 
     def _place_of(self, joints: Array) -> int | None:
         for place, (pose, _) in enumerate(self._open):
@@ -419,6 +444,7 @@ class MeasuringRun:
         """Count a pose as refused; another one of its sphere is tried in its place."""
         self.tally.refused[reason] += 1
         self.tally.refused_at[pose.location, pose.sphere, reason] += 1
+        self.refused.append(pose)
         spares = self._spares[pose.location, pose.sphere]
         replaced = bool(spares) and reason != NO_ANSWER
         if replaced:
@@ -515,7 +541,7 @@ class MeasuringRun:
         self._open = [(pose, 0) for pose, _ in self._open]
 
     def seconds_left(self, now: float) -> float:
-        """An estimate from the pace so far, s."""
+        """An estimate from the pace so far, s; before there is one, as the program was timed."""
         if not self.tally.done:
             return self._expected
         return (now - self._start) / self.tally.done * (self.tally.planned - self.tally.done)

@@ -10,7 +10,7 @@ from calib_capture.recording.hand_guided_record import CLOCK_NOTE, apart, clock_
 from calib_capture.recording.measuring_run import MeasuringRun, RunError, Tally
 from calib_capture.recording.recorder import Recorder
 from calib_model.bags import cdr
-from calib_model.pairing import ClockEstimate, JointSample, Outcome, Pairing, Reading, Refusal
+from calib_model.pairing import ClockEstimate, JointSample, Outcome, Pairing, Reading
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS, Topic
 
 Clock = Callable[[], float]
@@ -53,7 +53,6 @@ class ProgramSession:
         self._clock_line = ''
         self._halting = self._lost = self._paused = False
         self.unsure = 0  # messages that came while nobody knew from whom
-        self.outcomes: list[Outcome] = []  # accepted poses and refusals so far, to be shown
 
     @property
     def finished(self) -> bool:
@@ -207,8 +206,6 @@ class ProgramSession:
     def _take(self, outcomes: list[Outcome]) -> None:
         for outcome in outcomes:
             taken = self.run.take(outcome, self._clock())
-            if taken is not None or isinstance(outcome, Refusal):
-                self.outcomes.append(outcome)
             if taken is None:
                 continue
             planned, measured = taken.planned, taken.measured

@@ -109,7 +109,9 @@ def remaining(program: Program, poses: ProbingSet | None) -> Program:
     for plan in program.spheres:
         mine = (poses.location == plan.location) & (poses.sphere == plan.sphere)
         plans.append(_left(plan, poses.joints[mine]))
-    return replace(program, spheres=tuple(plans))
+    left = replace(program, spheres=tuple(plans))
+    share = len(left.poses) / max(len(program.poses), 1)
+    return replace(left, seconds=program.seconds * share)
 
 
 def _left(plan: SpherePlan, taken: Array) -> SpherePlan:

@@ -13,6 +13,7 @@ from typing import Any
 from calib_model.bags import BagMessage, read_messages
 from calib_model.errors import BagError, DescriptionError
 from calib_model.files import load_plain
+from calib_model.topics import TRAJECTORY
 
 CLOCK_PERIOD = 0.01  # s of wall time between two messages on /clock
 
@@ -49,10 +50,14 @@ def offered_qos(text: str) -> OfferedQos:
 
 @dataclass(frozen=True)
 class Playback:
-    """The messages of a bag: the first of each latched topic, then all others in log-time order."""
+    """The messages of a bag: the first of each latched topic, then all others in log-time order.
+
+    `commands` are topics that are left out: an arm would move by them.
+    """
 
     latched: list[BagMessage]
     timed: list[BagMessage]
+    commands: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.latched) + len(self.timed)
@@ -68,17 +73,20 @@ def read_playback(path: Path) -> Playback:
     """What to play of the bag at `path`.
 
     Raises:
-        BagError: no bag there, damaged, or it holds no messages.
+        BagError: no bag there, damaged, or it holds no messages to play.
     """
-    messages = sorted(read_messages(path), key=lambda message: message.log_time)
+    recorded = sorted(read_messages(path), key=lambda message: message.log_time)
+    commands = tuple(sorted({each.topic for each in recorded if each.type == TRAJECTORY}))
+    messages = [message for message in recorded if message.topic not in commands]
     if not messages:
-        raise BagError(f'{path}: the bag holds no messages')
+        raise BagError(f'{path}: the bag holds no messages' + ' but commands' * bool(commands))
     first: dict[str, BagMessage] = {}
     for message in messages:
         if offered_qos(message.offered_qos).latched:
             first.setdefault(message.topic, message)
     leading = {id(message) for message in first.values()}
-    return Playback(list(first.values()), [m for m in messages if id(m) not in leading])
+    timed = [message for message in messages if id(message) not in leading]
+    return Playback(list(first.values()), timed, commands)
 
 
 class Timing:

@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+import re
 from collections import Counter
 from dataclasses import replace
 
@@ -12,12 +13,14 @@ from calib_capture.program import (
     Planner,
     ProgramSettings,
     branch_names,
-    outcome_markers,
-    program_markers,
     program_text,
 )
+from calib_capture.recording import MeasuringRun, RunSettings, TakenPose
+from calib_capture.recording.commanded_motion import LEAD
+from calib_capture.showing import outcome_markers, program_markers
 from calib_model.kinematics import forward_kinematics
-from calib_model.pairing import Reason, Refusal, SteadyPose
+from calib_model.pairing import SteadyPose
+from calib_model.stamps import SECOND
 from calib_model.transforms import RigidTransform
 
 pytestmark = pytest.mark.timeout(60)
@@ -97,27 +100,27 @@ def test_shapes_show_the_gauge_the_spheres_and_every_pose(program, kr5, probe, g
     assert (outward >= 0.06 * np.cos(np.radians(70)) - 1e-9).all()
 
 
-def test_taken_poses_point_at_their_spheres_and_refused_ones_are_the_programs(
+def test_every_pose_that_was_taken_or_refused_has_a_needle_at_its_sphere(
     program, kr5, probe, gauge, places
 ):
-    first, second = program.poses[0], program.poses[-1]
+    first, second, third = program.poses[0], program.poses[-1], program.spheres[0].spares[0]
     read = probe.displacements(first.p_probe_sphere[None], gauge.sphere_diameter)[0]
-    outcomes = [
-        SteadyPose(1, first.joints, read, 5),
-        Refusal(2, second.joints, Reason.NO_CONTACT),
-        Refusal(3, second.joints + 0.1, Reason.NO_CONTACT),  # on the way, none of the program's
-    ]
+    taken = [TakenPose(first, SteadyPose(1, first.joints, read, 5))]
     shown = {
-        marker.group: marker for marker in outcome_markers(outcomes, program, kr5, probe, gauge)
+        marker.group: marker
+        for marker in outcome_markers(taken, [second, third], kr5, probe, gauge)
     }
-    assert set(shown) == {'taken', 'refused'}
-    assert len(shown['refused'].points) == 2
-    tip = shown['taken'].points[0]
-    center = places[first.location].apply(gauge.center(first.sphere))
-    assert np.abs(tip - center).max() < 1e-9
-    assert outcome_markers([], program, kr5, probe, gauge) == []
-    odd = replace(outcomes[0], displacement=np.array([0.4, -0.9, 2.0]))  # a reading of no sphere
-    assert outcome_markers([odd], program, kr5, probe, gauge)
+    assert {group: len(marker.points) for group, marker in shown.items()} == {
+        'taken': 2,
+        'refused': 4,
+    }
+    tips = [*shown['taken'].points[::2], *shown['refused'].points[::2]]
+    for pose, tip in zip((first, second, third), tips, strict=True):
+        center = places[pose.location].apply(gauge.center(pose.sphere))
+        assert np.abs(tip - center).max() < 1e-9
+    assert outcome_markers([], [], kr5, probe, gauge) == []
+    odd = TakenPose(first, SteadyPose(1, first.joints, np.array([0.4, -0.9, 2.0]), 5))
+    assert outcome_markers([odd], [], kr5, probe, gauge)  # a reading of no sphere
 
 
 def test_shapes_as_messages_replace_those_before(program, kr5, probe, gauge, places):
@@ -139,6 +142,33 @@ def test_the_command_prints_the_text(capsys, monkeypatch):
     printed = capsys.readouterr().out
     assert printed.startswith('16 poses of 4 spheres at 1 location\n')
     assert 'expected standard uncertainty' in printed
+    # four spheres of four poses, 0.9 s each at rest and two ways of 30 mm at 0.1 m/s
+    told = re.search(r'expected duration of the capture: (\d+) min (\d\d) s', printed)
+    assert 16 * 1.5 < 60 * int(told[1]) + int(told[2]) < 16 * 10
+
+
+def test_a_program_takes_as_long_as_the_commands_that_a_run_sends(kr5, program):
+    """Every command that a run makes of it, by an arm that is wherever it was sent."""
+    settings = RunSettings(hold=0.3, batch=5, speed=0.5)
+    run, seconds, now = MeasuringRun(kr5, program, settings, 0.0), 0.0, SECOND
+    here = program.poses[0].approach[0]
+    run.see(here, 0, 0.0)
+    while not run.finished:
+        run.see(here, now, 0.0)
+        run.see(here, now + SECOND, 0.0)
+        now += 2 * SECOND
+        sent = run.next_trajectory(0.0)
+        seconds += float(sent.seconds[-1])
+        here = sent.positions[-1]
+        run.see((here + sent.positions[0]) / 2, now, 0.0)
+        while run.current is not None:
+            run.take(SteadyPose(1, run.current.joints, np.zeros(3), 3), 0.0)
+    commands = -(-len(program.poses) // settings.batch)
+    timed = settings.timed(program, kr5)
+    assert timed.seconds == pytest.approx(seconds + LEAD * commands, rel=0.02)
+    assert timed == program
+    assert 'expected duration' not in '\n'.join(program_text(program))
+    assert MeasuringRun(kr5, timed, settings, 0.0).seconds_left(1.0) == timed.seconds
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,13 @@ import pytest
 from calib_capture.replaying.playback import OfferedQos, Timing, offered_qos, read_playback
 from calib_model.bags import BagWriter, cdr
 from calib_model.errors import BagError
-from calib_model.topics import ARM_DESCRIPTION, JOINT_STATES, PROBE_DISPLACEMENTS, Topic
+from calib_model.topics import (
+    ARM_DESCRIPTION,
+    JOINT_STATES,
+    PROBE_DISPLACEMENTS,
+    TRAJECTORY,
+    Topic,
+)
 
 
 @pytest.mark.parametrize('topic', [ARM_DESCRIPTION, JOINT_STATES, PROBE_DISPLACEMENTS])
@@ -44,6 +50,21 @@ def test_latched_first_then_by_log_time_whatever_the_files_order(tmp_path: Path)
     assert [m.log_time for m in playback.timed] == [10, 20, 30, 40]
     assert playback.span == (10, 40)
     assert len(playback) == 5
+
+
+def test_what_would_move_an_arm_is_left_out_under_any_name(tmp_path: Path) -> None:
+    names = ('/kuka/joint_trajectory', '/robot1/anything')
+    with BagWriter(tmp_path / 'bag') as bag:
+        for i, name in enumerate(names):
+            bag.write(Topic(name, TRAJECTORY), bytes(64), i, i)
+    with pytest.raises(BagError, match='no messages but commands'):
+        read_playback(tmp_path / 'bag')
+    with BagWriter(tmp_path / 'other') as bag:
+        bag.write(Topic(names[0], TRAJECTORY), bytes(64), 3, 3)
+        bag.write_message(JOINT_STATES, cdr.joint_state(5, '', [], np.zeros(0)), 5)
+    playback = read_playback(tmp_path / 'other')
+    assert [message.topic for message in playback.timed] == [JOINT_STATES.name]
+    assert playback.commands == names[:1]
 
 
 def test_a_bag_without_messages_is_refused(tmp_path: Path) -> None:

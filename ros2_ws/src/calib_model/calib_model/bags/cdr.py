@@ -15,6 +15,7 @@ from calib_model.topics import (
     MEASURED_POINT,
     PROBING_POSE,
     STRING,
+    TRAJECTORY,
 )
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ SLACK = 64
 # reading them not all of ROS; tests hold them equal to the .msg files and to Jazzy's types
 DEFINITIONS = {
     'builtin_interfaces/msg/Time': 'int32 sec\nuint32 nanosec\n',
+    'builtin_interfaces/msg/Duration': 'int32 sec\nuint32 nanosec\n',
     'std_msgs/msg/Header': 'builtin_interfaces/Time stamp\nstring frame_id\n',
     STRING: 'string data\n',
     JOINT_STATE: """\
@@ -51,6 +53,18 @@ uint16 sphere
 float64[] joint_position
 float64[3] displacement
 uint32 readings
+""",
+    'trajectory_msgs/msg/JointTrajectoryPoint': """\
+float64[] positions
+float64[] velocities
+float64[] accelerations
+float64[] effort
+builtin_interfaces/Duration time_from_start
+""",
+    TRAJECTORY: """\
+std_msgs/Header header
+string[] joint_names
+trajectory_msgs/JointTrajectoryPoint[] points
 """,
     MEASURED_POINT: """\
 std_msgs/Header header

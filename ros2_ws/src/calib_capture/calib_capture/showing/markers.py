@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A measuring program to look at before it runs, as shapes in the arm's base frame."""
+"""A measuring program and what comes of it, as shapes in the arm's base frame."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_capture.program.program import Program
+from calib_capture.program import PlannedPose, Program
+from calib_capture.recording import TakenPose
 from calib_model.arrays import Array, frozen
 from calib_model.instruments import Arm, Gauge, Probe, known_centers
 from calib_model.kinematics import forward_kinematics
-from calib_model.pairing import Outcome, Refusal, SteadyPose
 from calib_model.transforms import RigidTransform
 
 Color = tuple[float, float, float, float]
@@ -24,7 +24,6 @@ GREEN: Color = (0.2, 0.7, 0.3, 0.8)
 PALE: Color = (0.5, 0.75, 0.55, 0.35)
 NEEDLE = 0.06  # m of every probing direction that is drawn
 THIN = 0.001  # m
-ALIKE = 1e-3  # rad between a planned posture and the arm's when it is there
 
 
 @dataclass(frozen=True)
@@ -88,26 +87,24 @@ def _asked(program: Program, gauge: Gauge, location: int, place: RigidTransform)
 
 
 def outcome_markers(
-    outcomes: Sequence[Outcome], program: Program, arm: Arm, probe: Probe, gauge: Gauge
+    taken: Sequence[TakenPose],
+    refused: Sequence[PlannedPose],
+    arm: Arm,
+    probe: Probe,
+    gauge: Gauge,
 ) -> list[Marker]:
-    """What came of the poses so far: green needles where one was taken, red where refused.
-
-    Stops at which no pose was planned are none of the program's.
-    """
-    taken = [outcome for outcome in outcomes if isinstance(outcome, SteadyPose)]
-    refused = [outcome for outcome in outcomes if isinstance(outcome, Refusal)]
+    """What came of the poses so far, a needle each: green where it was taken, red where refused."""
     markers = []
     if taken:
-        joints = np.array([pose.joints for pose in taken])
-        read = np.array([pose.displacement for pose in taken])
+        joints = np.array([pose.measured.joints for pose in taken])
+        read = np.array([pose.measured.displacement for pose in taken])
         seats = known_centers(probe, read, gauge.sphere_diameter)
         where = np.nan_to_num(seats)  # of a reading that no sphere gives, in the probe's middle
         markers.append(_needles('taken', 0, GREEN, arm, probe, joints, where))
-    planned = np.array([pose.joints for pose in program.poses])
-    away = [stop.joints for stop in refused if np.abs(planned - stop.joints).max(1).min() < ALIKE]
-    if away:
-        seats = np.zeros((len(away), 3))
-        markers.append(_needles('refused', 0, RED, arm, probe, np.array(away), seats))
+    if refused:
+        joints = np.array([pose.joints for pose in refused])
+        seats = np.array([pose.p_probe_sphere for pose in refused])
+        markers.append(_needles('refused', 0, RED, arm, probe, joints, seats))
     return markers
 
 
