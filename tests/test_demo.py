@@ -12,9 +12,20 @@ import time
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
+from rclpy.serialization import deserialize_message
+from trajectory_msgs.msg import JointTrajectory
 
-from calib_model.bags import read_measurement
+from calib_capture.motion import (
+    InterpolatedMotion,
+    MotionState,
+    checked_trajectory,
+    motion_limits,
+)
+from calib_capture.nodes.messages import points_of
+from calib_model.bags import read_measurement, read_messages
+from calib_model.topics import JOINT_TRAJECTORY
 
 ROOT = Path(__file__).resolve().parent.parent
 AUDIT = ROOT / 'tests' / 'audit'
@@ -113,6 +124,27 @@ def test_every_sphere_was_taken_sixty_times(demo):
     taken = Counter(zip(poses.location.tolist(), poses.sphere.tolist(), strict=True))
     assert set(taken) == {(at, sphere) for at in range(1, 8) for sphere in (1, 6, 10, 14)}
     assert min(taken.values()) >= 60
+
+
+def test_what_the_arm_was_sent_keeps_its_limits_at_every_millisecond(demo):
+    """From rest to rest; the commands are in the bags, beside what came of them."""
+    arm = read_measurement(demo['folder'] / 'identification').arm
+    limits = motion_limits(arm)
+    sent = 0
+    for bag in ('identification', 'held_out'):
+        for message in read_messages(demo['folder'] / bag, {JOINT_TRAJECTORY.name}):
+            command = deserialize_message(message.data, JointTrajectory)
+            asked = checked_trajectory(arm, *points_of(command))
+            motion = InterpolatedMotion(MotionState.resting(asked.positions[0]), asked)
+            q, v, a = motion.states_at(np.arange(0.0, motion.duration, 1e-3))
+            lower, upper = limits.position.T
+            assert ((q >= lower) & (q <= upper)).all()
+            assert (np.abs(v) <= limits.velocity * (1 + 1e-6)).all()
+            assert (np.abs(a) <= limits.acceleration * (1 + 1e-6)).all()
+            assert (np.abs(np.diff(a, axis=0)) <= 1e-3 * limits.jerk * (1 + 1e-3)).all()
+            assert not v[0].any() and not asked.velocities[-1].any()
+            sent += 1
+    assert sent > 80
 
 
 def test_the_held_out_location_is_not_among_the_others(demo):
