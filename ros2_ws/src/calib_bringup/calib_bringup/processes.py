@@ -93,8 +93,9 @@ class Children:
         self._running.append(child)
         return child
 
-    def wait(self, child: Child, seconds: float) -> None:
-        """Until a process has done its work; the others must live on meanwhile.
+    def wait(self, child: Child, seconds: float, done: tuple[int, ...] = (0,)) -> None:
+        """Until a process has done its work, as the exit codes `done` say; the others must live on
+        meanwhile.
 
         Raises:
             ChildError: it failed, took longer than `seconds`, or another one died.
@@ -107,8 +108,9 @@ class Children:
             if time.monotonic() > end:
                 raise ChildError(f'{child.name} is not done after {seconds:.0f} s')
             time.sleep(0.02)
-        if child.process.returncode != 0:
+        if child.process.returncode not in done:
             raise child.complaint()
+        self._running.remove(child)
 
     def __enter__(self) -> Children:
         return self
