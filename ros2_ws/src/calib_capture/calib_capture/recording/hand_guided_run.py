@@ -20,6 +20,7 @@ from calib_model.pairing import (
     PairedReading,
     PairedReadings,
     SpacedPoses,
+    reasons_in_words,
 )
 
 NO_SPHERE = 'no sphere known there'
@@ -76,7 +77,7 @@ class HandGuidedTally:
 
     def line(self) -> str:
         """Counts in words."""
-        why = ', '.join(f'{count} {reason}' for reason, count in self.refused.most_common())
+        why = reasons_in_words(self.refused)
         refused = f', {sum(self.refused.values())} refused ({why})' if why else ''
         return (
             f'{self.taken - self.by_hand} poses of {len(self.spheres)} spheres taken from '

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from calib_capture.program import PlannedPose
+from calib_model.pairing import reasons_in_words
 
 
 @dataclass(frozen=True)
@@ -27,8 +28,7 @@ class EndedLocation:
 
     def line(self) -> str:
         """Counts in words."""
-        reasons = sorted(self.refused.items(), key=lambda each: -each[1])
-        why = ', '.join(f'{count} {reason}' for reason, count in reasons)
+        why = reasons_in_words(self.refused)
         end = '' if self.finished else 'not finished: '
         refused = f', {sum(self.refused.values())} refused ({why})' if why else ''
         return f'location {self.location}: {end}{self.taken} of {self.planned} poses taken{refused}'

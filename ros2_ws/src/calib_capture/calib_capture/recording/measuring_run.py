@@ -22,7 +22,7 @@ from calib_capture.recording.locations import Locations, OneGauge
 from calib_model.arrays import Array
 from calib_model.errors import CalibrationError
 from calib_model.instruments import Arm
-from calib_model.pairing import Outcome, Reason, Refusal, SteadyPose
+from calib_model.pairing import Outcome, Reason, Refusal, SteadyPose, reasons_in_words
 
 NO_ANSWER = 'no answer'
 NO_FREE_WAY = 'no free way'
@@ -120,17 +120,16 @@ class Tally:
 
     def line(self) -> str:
         """Counts in words."""
-        why = f' ({self._reasons()}; {self.replaced} replaced)' if self.refused else ''
+        why = (
+            f' ({reasons_in_words(self.refused)}; {self.replaced} replaced)' if self.refused else ''
+        )
         return f'{self.taken} poses taken, {sum(self.refused.values())} refused{why}'
 
     def so_far(self) -> str:
         """The same in a few words, while there is more to come."""
-        why = f' ({self._reasons()})' if self.refused else ''
+        why = f' ({reasons_in_words(self.refused)})' if self.refused else ''
         refused = sum(self.refused.values())
         return f'{self.taken} taken, {refused} refused{why}, {self.left} to go'
-
-    def _reasons(self) -> str:
-        return ', '.join(f'{count} {reason}' for reason, count in self.refused.most_common())
 
 
 class MeasuringRun:

@@ -19,6 +19,7 @@ from calib_model.pairing import (
     Refusal,
     SteadyPose,
     SteadySettings,
+    reasons_in_words,
     recorded_outcomes,
 )
 from calib_model.progress import Progress
@@ -56,7 +57,7 @@ class PairedProgram:
         if self.unknown:
             lines.append(f'{self.unknown} stops belong to no sphere')
         if self.refused:
-            why = ', '.join(f'{count} {reason}' for reason, count in self.refused.most_common())
+            why = reasons_in_words(self.refused)
             lines.append(f'{sum(self.refused.values())} stops refused: {why}')
         if self.clock is not None:
             lines.append(self.clock.line())

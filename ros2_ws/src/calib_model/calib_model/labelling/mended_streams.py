@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from calib_model.arrays import Array, frozen
 from calib_model.errors import BagError, DataError
-from calib_model.pairing import Paired, RawStreams, SteadyPose, SteadySettings
+from calib_model.pairing import Paired, RawStreams, SteadyPose, SteadySettings, reasons_in_words
 from calib_model.stamps import SECOND
 from calib_model.streams import Freshness, Turns, freshness, rival, unwrapped
 
@@ -81,7 +81,7 @@ def mended_poses(
             contacts + paired.contacts,
             refused + paired.refused,
         )
-    reasons = ', '.join(f'{count} {reason}' for reason, count in refused.most_common())
+    reasons = reasons_in_words(refused)
     why = (
         f'no pose comes of its {stops} stops and {contacts} contacts with good readings'
         + (f'; stops refused: {reasons}' if reasons else '')

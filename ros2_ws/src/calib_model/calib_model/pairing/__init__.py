@@ -43,6 +43,7 @@ if TYPE_CHECKING:
         JointSample as JointSample,
         Reading as Reading,
         Reason as Reason,
+        reasons_in_words as reasons_in_words,
         usable as usable,
     )
     from calib_model.pairing.settings_record import (

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from calib_model.arrays import Array, frozen
 from calib_model.pairing.interpolation import interpolated
 from calib_model.pairing.paired_readings import WIDE, HandGuidedSettings, pair_readings
-from calib_model.pairing.readings import JointSample, Reading, Reason
+from calib_model.pairing.readings import JointSample, Reading, Reason, reasons_in_words
 from calib_model.pairing.spaced_poses import SpacedPoses
 from calib_model.pairing.stop_and_go import (
     Outcome,
@@ -64,7 +64,7 @@ class Paired:
     @property
     def reasons(self) -> str:
         """Why stops gave no pose, the most frequent first."""
-        return ', '.join(f'{count} {reason}' for reason, count in self.refused.most_common())
+        return reasons_in_words(self.refused)
 
 
 def pair_streams(

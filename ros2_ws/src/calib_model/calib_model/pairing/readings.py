@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import Enum
 from typing import NamedTuple
 
@@ -35,6 +36,12 @@ class Reason(Enum):
     ARM_UNSTEADY = 'arm not steady long enough'
     NO_READINGS = 'no probe readings'
     JOINTS_MISSING = 'joint states missing'
+
+
+def reasons_in_words(counts: Mapping[str, int]) -> str:
+    """Why so many gave no pose, the most frequent reason first."""
+    often = sorted(counts.items(), key=lambda each: -each[1])
+    return ', '.join(f'{count} {reason}' for reason, count in often)
 
 
 class JointSample(NamedTuple):
