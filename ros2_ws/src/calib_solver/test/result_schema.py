@@ -287,6 +287,33 @@ def joint_errors(record: Record) -> None:
 
 def correction(record: Record) -> None:
     keys(record, CORRECTION)
+    _chosen(record)
+    if record['gain'] is not None:
+        for key in LEFT_OUT:
+            number(record['gain'][key], 0.0)
+    if record['quality'] is not None:
+        quality(record['quality']['identified'])
+        if record['quality']['test'] is not None:
+            quality(record['quality']['test'])
+
+
+def point_correction(record: Record, oriented: bool) -> None:
+    keys(record, CORRECTION | {'stations'})
+    _chosen(record)
+    assert (record['stations'] is None) == (not record['accepted'])
+    for station in record['stations'] or []:
+        keys(station, {'station', 'translation', 'rotation_vector'})
+        three(station['translation'])
+        three(station['rotation_vector'])
+    if record['gain'] is not None:
+        assert all(record['gain'][key] is None for key in LEFT_OUT)
+    if record['quality'] is not None:
+        for one in (record['quality']['identified'], record['quality']['test']):
+            if one is not None:
+                point_quality(one, oriented)
+
+
+def _chosen(record: Record) -> None:
     for key in ('accepted', 'attitude'):
         assert type(record[key]) is bool
     text(record['verdict'])
@@ -296,13 +323,7 @@ def correction(record: Record) -> None:
     if record['gain'] is not None:
         keys(record['gain'], GAIN | LEFT_OUT)
         gain(record['gain'])
-        for key in LEFT_OUT:
-            number(record['gain'][key], 0.0)
     assert (record['quality'] is None) == (not record['accepted'])
-    if record['quality'] is not None:
-        quality(record['quality']['identified'])
-        if record['quality']['test'] is not None:
-            quality(record['quality']['test'])
 
 
 def left_out(record: Record) -> None:
@@ -400,6 +421,8 @@ def point_result(record: Record, oriented: bool) -> None:
     for key in ('initial', 'identified', 'test', 'test_initial'):
         if record['quality'][key] is not None:
             point_quality(record['quality'][key], oriented)
+    if record['correction'] is not None:
+        point_correction(record['correction'], oriented)
     for rejected in record['rejected']:
         keys(rejected, POINT_REJECTED)
     keys(record['solver'], SOLVER)

@@ -150,9 +150,11 @@ def verify_points(
 
 
 def _places(result: StoredResult, shares: PlaceShares) -> Places:
-    """Targets and stations as they were identified, in the order of the shares."""
+    """Targets and stations as they were identified, in the order of the shares; stations with the
+    correction of eq. 12 where there is one."""
     targets = {one['target']: one for one in result.record['targets']}
-    stations = {one['station']: one for one in result.record['stations']}
+    corrected = (result.record['correction'] or {}).get('stations')
+    stations = {one['station']: one for one in corrected or result.record['stations']}
     of_target = [targets[name] for name in shares.targets]
     of_station = [stations[one.number] for one in shares.stations]
     turns, bases = (

@@ -33,7 +33,14 @@ from calib_solver.points import (
     joined_points,
 )
 from calib_solver.problem import threads
-from calib_solver.resampling import in_processes, refuse_repetitions, resample_points
+from calib_solver.resampling import (
+    Resampled,
+    Spread,
+    connected,
+    in_processes,
+    refuse_repetitions,
+    resample_points,
+)
 from calib_solver.results import (
     Record,
     point_quality_record,
@@ -104,8 +111,6 @@ def calibrate_points(
     effort = effort or Effort()
     options = checked_point_options(options)
     refuse_repetitions(effort.plan)
-    if effort.scheduler:
-        raise DataError('--scheduler: is for probing poses; measured points stay on this machine')
     if output:
         refuse_no_place(output)
     own = own_urdf(urdf, output)
@@ -115,15 +120,11 @@ def calibrate_points(
         compensation.refuse_uncorrectable(own, measured.arm, urdf)
     if sources.links:
         options = replace(options, links=read_links(sources.links, measured.arm))
-    done = identify_points(measured, options)
+    done, resampled = _identified(measured, options, effort)
     held_out = held_out_points(unseen, done) if unseen is not None else None
     first = unread_lines((*sources.bags, *test))
     first = (*first, *copied_lines(copies))
     done = replace(done, warnings=(*first, *done.warnings))
-    resampled = None
-    if not effort.plan.empty:
-        spread = in_processes(threads())
-        resampled = resample_points(done, effort.plan, spread, effort.progress)
     record = point_result_record(done, held_out, resampled)
     more: dict[str, bytes] = {}
     if urdf:
@@ -133,6 +134,25 @@ def calibrate_points(
         evidence = report.point_evidence_of(done, inputs(sources, test), held_out)
         written = write_reported(output, done, record, evidence, more)
     return PointCalibration(done, held_out, record, written)
+
+
+def _identified(
+    measured: PointMeasurement, options: Options, effort: Effort
+) -> tuple[PointIdentification, Resampled | None]:
+    """The identification, and its repetitions on this machine or on a cluster."""
+    if not effort.scheduler:
+        done = identify_points(measured, options)
+        return done, _resampled(done, effort, in_processes(threads()))
+    with connected(effort.scheduler) as cluster:
+        # a pass over the points is over sooner than they would be there
+        done = identify_points(measured, options)
+        return done, _resampled(done, effort, cluster.spread)
+
+
+def _resampled(done: PointIdentification, effort: Effort, spread: Spread) -> Resampled | None:
+    if effort.plan.empty:
+        return None
+    return resample_points(done, effort.plan, spread, effort.progress)
 
 
 def point_evaluation_record(sources: Sources, correction: str = '') -> Record:

@@ -102,14 +102,7 @@ def point_summary_text(calibration: PointCalibration) -> str:
 
 def _point_table(record: Record) -> list[str]:
     """Positions in mm and orientations in mrad, before, after and held-out."""
-    names = {
-        'initial': 'initial',
-        'identified': 'identified',
-        'test_initial': 'held-out initial',
-        'test': 'held-out',
-    }
-    quality = {name: record['quality'][key] for key, name in names.items()}
-    columns = {name: one for name, one in quality.items() if one is not None}
+    columns = columns_of(record)
     lines = ['mm, mrad'.ljust(22) + ''.join(name.rjust(18) for name in columns)]
     for group, label in (('position', 'position error'), ('orientation', 'orientation error')):
         if not any(one[group] for one in columns.values()):
@@ -178,6 +171,17 @@ def prior_lines(record: Record) -> list[str]:
 
 def table(record: Record) -> list[str]:
     """Lines of a table of a result's qualities in mm, one column each."""
+    columns = columns_of(record)
+    lines = ['mm'.ljust(22) + ''.join(name.rjust(18) for name in columns)]
+    for label, group, key in ROWS:
+        values = [each[group][key] for each in columns.values()]
+        cells = ['-' if value is None else f'{value * 1e3:.4f}' for value in values]
+        lines.append(label.ljust(22) + ''.join(cell.rjust(18) for cell in cells))
+    return lines
+
+
+def columns_of(record: Record) -> dict[str, Record]:
+    """A result's qualities by name, those with eq. 12's correction where it was accepted."""
     quality, correction = record['quality'], record['correction']
     corrected = (correction or {}).get('quality') or {}
     columns = {
@@ -188,10 +192,4 @@ def table(record: Record) -> list[str]:
         'corrected': corrected.get('identified'),
         'held-out corr.': corrected.get('test'),
     }
-    columns = {name: each for name, each in columns.items() if each is not None}
-    lines = ['mm'.ljust(22) + ''.join(name.rjust(18) for name in columns)]
-    for label, group, key in ROWS:
-        values = [each[group][key] for each in columns.values()]
-        cells = ['-' if value is None else f'{value * 1e3:.4f}' for value in values]
-        lines.append(label.ljust(22) + ''.join(cell.rjust(18) for cell in cells))
-    return lines
+    return {name: each for name, each in columns.items() if each is not None}

@@ -113,8 +113,8 @@ def arguments() -> CommandParser:
         '--correction',
         default='off',
         metavar='CHOICE',
-        help='of eq. 12, as functions of the joints: off (default); auto: only if locations left '
-        'out get better by it; harmonic: in any case',
+        help='of eq. 12, as functions of the joints: off (default); auto: only if locations, or '
+        'groups of measured points, left out get better by it; harmonic: in any case',
     )
     parser.add_argument(
         '--quick',
@@ -146,7 +146,8 @@ def arguments() -> CommandParser:
         '--scheduler',
         default='',
         metavar='ADDRESS',
-        help="spread the work over this Dask scheduler's workers, as in tcp://192.168.0.7:8786",
+        help="spread the work over this Dask scheduler's workers, as in tcp://192.168.0.7:8786; of "
+        'measured points the repetitions',
     )
     parser.add_argument(
         '--figures',
@@ -196,11 +197,13 @@ def run(
         plan, given.scheduler, Progress(sys.stderr, 'repetitions'), Progress(sys.stderr, 'MB')
     )
     if points:
-        if given.figures:
-            raise UsageError('--figures: for probing poses of a gauge; report.html has the charts')
-        return calibration.calibrate_points(
+        by_points = calibration.calibrate_points(
             sources, options, test, given.output, effort, given.urdf
         )
+        if given.figures:
+            drawn = report.save_point_figures(by_points.done, given.figures, by_points.held_out)
+            by_points = replace(by_points, written=(*by_points.written, *drawn))
+        return by_points
     finished = calibration.calibrate(sources, options, test, given.output, effort, given.urdf)
     if given.figures:
         drawn = report.save_figures(finished.done, given.figures, finished.held_out)

@@ -8,8 +8,11 @@ from calib_model.lazy import lazily
 if TYPE_CHECKING:
     from calib_solver.error_models.correction import (
         CorrectionChoice as CorrectionChoice,
+        CorrectionColumns as CorrectionColumns,
+        best_basis as best_basis,
         checked_choice as checked_choice,
         fit_correction as fit_correction,
+        too_few as too_few,
     )
     from calib_solver.error_models.joint_errors import (
         JointErrorChoice as JointErrorChoice,
@@ -20,6 +23,7 @@ if TYPE_CHECKING:
         table_with as table_with,
     )
     from calib_solver.error_models.validation_gain import (
+        FEWEST_LOCATIONS as FEWEST_LOCATIONS,
         Gain as Gain,
     )
 else:

@@ -10,12 +10,14 @@ certified distances are kept in the balance as in eq. 11.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calib_model.arrays import Array
 from calib_model.errors import DataError
+from calib_model.instruments import Arm
 from calib_model.kinematics import (
     Attitude,
     Correction,
@@ -67,7 +69,8 @@ class CorrectionChoice:
     held with `strength`, what it gains on locations left out, and whether the `correction` was
     `accepted`.
 
-    `two_sigma` and `distance` are rms (m) over the locations left out, without and with it.
+    `two_sigma` and `distance` are rms (m) over the locations left out, without and with it;
+    measured points have neither.
     """
 
     accepted: bool
@@ -105,10 +108,8 @@ def fit_correction(
     """
     count = len(problem.locations)
     if count < FEWEST_LOCATIONS:
-        reason = f'{count} locations, expected {FEWEST_LOCATIONS} to judge it by'
-        return CorrectionChoice(False, f'correction of eq. 12 refused: {reason}')
-    turns, shifts, _ = (max(orders) for orders in zip(*BASES, strict=True))
-    columns = _Columns(table.n, turns, shifts)
+        return too_few(f'{count} locations, expected {FEWEST_LOCATIONS} to judge it by')
+    columns = CorrectionColumns.all(table.n)
 
     def evaluate(rows: IntArray) -> tuple[Array, Array]:
         return columns.at(problem, table, full, rows)
@@ -117,46 +118,100 @@ def fit_correction(
     judge = LeaveOneOut(Folds(problem), sums, OBJECTIVE, kappa)
     nothing = np.zeros(columns.count)
     without = judge.scores(np.zeros(0, dtype=np.int64), nothing, nothing)
-    found = {
-        (basis, strength): judge.scores(columns.of(*basis), strength * columns.information, nothing)
+    found = best_basis(
+        columns, lambda used, held: judge.scores(used, held, nothing).against(without)
+    )
+    scores = judge.scores(found.taken, found.information, nothing)
+    change = (
+        f'locations left out change by {found.gain.words}, their 2 sigma from '
+        f'{without.two_sigma_rms * 1e3:.4f} to {scores.two_sigma_rms * 1e3:.4f} mm rms'
+    )
+    step = judge.fit(found.taken, found.information, nothing, judge.whole)
+    held = judge.whole.normal[np.ix_(found.taken, found.taken)]
+    held = held + kappa * np.diag(found.information[found.taken])
+    sure = np.asarray(kappa * np.linalg.inv(held), dtype=np.float64)
+    errors = table.joint_errors(full)
+    choice = found.choice(problem.measured.arm, change, step, sure, errors, forced)
+    return replace(
+        choice,
+        two_sigma=(without.two_sigma_rms, scores.two_sigma_rms),
+        distance=(without.distance_rms, scores.distance_rms),
+        folds=len(judge.folds),
+    )
+
+
+def too_few(reason: str) -> CorrectionChoice:
+    """No correction, for want of what to judge it by."""
+    return CorrectionChoice(False, f'correction of eq. 12 refused: {reason}')
+
+
+def best_basis(
+    columns: CorrectionColumns, gain_of: Callable[[IntArray, Array], Gain]
+) -> FoundBasis:
+    """The basis and strength whose gain on what is left out is best, of those that do no harm where
+    there are any; `gain_of` takes the columns used and what holds all of them near zero."""
+    gains = {
+        (basis, strength): gain_of(columns.of(*basis), strength * columns.information)
         for basis in BASES
         for strength in STRENGTHS
     }
-    gains = {key: scores.against(without) for key, scores in found.items()}
     good = [key for key, gain in gains.items() if gain.convinces and gain.harmless]
     best = min(good or gains, key=lambda key: gains[key].change)
-    basis, strength = best
-    gain, scores = gains[best], found[best]
-    accepted = bool(good) or forced
-    what = f'{_words(*basis)}, strength {strength:g}'
-    change = (
-        f'locations left out change by {gain.words}, their 2 sigma from '
-        f'{without.two_sigma_rms * 1e3:.4f} to {scores.two_sigma_rms * 1e3:.4f} mm rms'
-    )
-    how = 'accepted' if good else 'taken as asked' if forced else 'refused'
-    if gain.convinces and not gain.harmless:
-        change += f', but of one by {100 * (np.exp(gain.worst) - 1):+.1f} %'
-    verdict = f'correction of eq. 12 {how}: {what}: {change}'
-    taken, information = columns.of(*basis), strength * columns.information
-    step = judge.fit(taken, information, nothing, judge.whole)
-    held = judge.whole.normal[np.ix_(taken, taken)] + kappa * np.diag(information[taken])
-    sure = np.asarray(kappa * np.linalg.inv(held), dtype=np.float64)
-    names = problem.measured.arm.joint_names
-    turn, shift, attitude = basis
-    return CorrectionChoice(
-        accepted,
-        verdict,
-        turn,
-        shift,
-        bool(attitude),
-        strength,
-        gain,
-        (without.two_sigma_rms, scores.two_sigma_rms),
-        (without.distance_rms, scores.distance_rms),
-        len(judge.folds),
-        columns.correction(step, basis, names, table.joint_errors(full)) if accepted else None,
-        Coefficients(columns, taken, sure) if accepted else None,
-    )
+    return FoundBasis(columns, *best, gains[best], bool(good))
+
+
+@dataclass(frozen=True)
+class FoundBasis:
+    """Orders of `turn` and `shift` and whether with `attitude`, how firmly they are held, what that
+    gains, and whether it is `good`: convincing and harmless."""
+
+    columns: CorrectionColumns
+    basis: tuple[int, int, int]
+    strength: float
+    gain: Gain
+    good: bool
+
+    @property
+    def taken(self) -> IntArray:
+        """Its columns."""
+        return self.columns.of(*self.basis)
+
+    @property
+    def information(self) -> Array:
+        """What holds all columns near zero (F,), times the residuals' mean square."""
+        return self.strength * self.columns.information
+
+    def choice(
+        self,
+        arm: Arm,
+        change: str,
+        step: Array,
+        sure: Array,
+        joint_errors: JointErrors | None,
+        forced: bool,
+    ) -> CorrectionChoice:
+        """What became of it: `change` says so in words; coefficients `step` (F,), of covariance
+        `sure` (K, K) where they were taken."""
+        accepted = self.good or forced
+        how = 'accepted' if self.good else 'taken as asked' if forced else 'refused'
+        if self.gain.convinces and not self.gain.harmless:
+            change += f', but of one by {100 * (np.exp(self.gain.worst) - 1):+.1f} %'
+        what = f'{_words(*self.basis)}, strength {self.strength:g}'
+        turn, shift, attitude = self.basis
+        columns, names = self.columns, arm.joint_names
+        return CorrectionChoice(
+            accepted,
+            f'correction of eq. 12 {how}: {what}: {change}',
+            turn,
+            shift,
+            bool(attitude),
+            self.strength,
+            self.gain,
+            correction=columns.correction(step, self.basis, names, joint_errors)
+            if accepted
+            else None,
+            coefficients=Coefficients(columns, self.taken, sure) if accepted else None,
+        )
 
 
 @dataclass(frozen=True)
@@ -164,13 +219,18 @@ class Coefficients:
     """How sure the coefficients of eq. 12 are that were `taken` (K,) of all columns: `covariance`
     (K, K), m^2 or rad^2."""
 
-    columns: _Columns
+    columns: CorrectionColumns
     taken: IntArray
     covariance: Array
 
     def variance(self, problem: Problem, table: ParameterTable, full: Array) -> Array:
         """What that makes of the points of a problem's poses (N,), m^2, coordinates together."""
-        _, moved = self.columns.at(problem, table, full, np.arange(len(problem.joints)))
+        return self.variance_of(
+            self.columns.at(problem, table, full, np.arange(len(problem.joints)))[1]
+        )
+
+    def variance_of(self, moved: Array) -> Array:
+        """The same of points that move with all columns by `moved` (N, 3, F)."""
         moved = moved[:, :, self.taken]
         variance: Array = np.einsum('nkf,fg,nkg->n', moved, self.covariance, moved)
         return variance
@@ -183,9 +243,15 @@ def _words(turn: int, shift: int, attitude: int) -> str:
     return ' and '.join(parts + ['attitude'] * attitude)
 
 
-class _Columns:
+class CorrectionColumns:
     """The columns of `turn` (2 K n), behind them of `shift` (2 L 3 n), order by order, and of
     `attitude` (27)."""
+
+    @classmethod
+    def all(cls, n: int) -> CorrectionColumns:
+        """Those of all BASES, for an arm of n joints."""
+        turns, shifts, _ = (max(orders) for orders in zip(*BASES, strict=True))
+        return cls(n, turns, shifts)
 
     def __init__(self, n: int, turns: int, shifts: int) -> None:
         self.n, self.turns, self.shifts = n, turns, shifts
@@ -213,16 +279,24 @@ class _Columns:
     ) -> tuple[Array, Array]:
         """Points (R, 3) of some poses and what the columns add to them (R, 3, F)."""
         point, jacobian = point_jacobian(problem, table, full, rows)
-        moved = by_joint(table, problem.measured.arm, jacobian)
-        joints, measured = problem.joints[rows], problem.measured
-        turns = JointTerms(self.turns).basis(measured.arm, joints)
-        by_turn = moved[:, :, None, :] * turns[:, None]
+        arm, _ = table.apply(full, problem.measured.arm, problem.measured.probe)
+        return point, self.moving(table, arm, problem.joints[rows], jacobian)
+
+    def moving(self, table: ParameterTable, arm: Arm, joints: Array, jacobian: Array) -> Array:
+        """What the columns add (R, 3, F) to points of an arm at `joints` (R, n), whose `jacobian`
+        by all parameters of the table is (R, 3, C)."""
         shifts = harmonic_basis(joints, self.shifts)
         by_shift = np.eye(3)[None, :, None, :, None] * shifts[:, None, :, None, :]
-        arm, _ = table.apply(full, measured.arm, measured.probe)
         turned = forward_kinematics(arm, joints)[:, :3, :3].reshape(-1, 1, 1, 9)
-        parts = (by_turn, by_shift, np.eye(3)[None, :, :, None] * turned)
-        return point, np.concatenate([part.reshape(len(rows), 3, -1) for part in parts], axis=2)
+        by_attitude = np.eye(3)[None, :, :, None] * turned
+        parts = (self.turning(table, arm, joints, jacobian), by_shift, by_attitude)
+        return np.concatenate([part.reshape(len(joints), 3, -1) for part in parts], axis=2)
+
+    def turning(self, table: ParameterTable, arm: Arm, joints: Array, jacobian: Array) -> Array:
+        """What those of `turn` add (R, 3, 2 K n), of points or of how the flange is turned."""
+        moved = by_joint(table, arm, jacobian)
+        turns = JointTerms(self.turns).basis(arm, joints)
+        return (moved[:, :, None, :] * turns[:, None]).reshape(len(joints), 3, -1)
 
     def correction(
         self,

@@ -39,14 +39,16 @@ class Tried:
 
 @dataclass(frozen=True)
 class JointErrorChoice:
-    """What was `offered` and `tried`, one after the other; `folds` parts of the locations. Where
-    nobody `asked` for them, only those that are identified are spoken of."""
+    """What was `offered` and `tried`, one after the other; `folds` parts of the locations, or of
+    whatever else was `left_out`. Where nobody `asked` for them, only those that are identified are
+    spoken of."""
 
     offered: tuple[str, ...]
     tried: tuple[Tried, ...]
     folds: int
     refusal: str = ''
     asked: bool = True
+    left_out: str = 'locations'
 
     @property
     def accepted(self) -> tuple[str, ...]:
@@ -60,7 +62,7 @@ class JointErrorChoice:
             return [f'joint errors refused: {self.refusal}'] if self.asked else []
         return [
             f'joint errors, {one.kind} {"identified" if one.accepted else "refused"}: '
-            f'locations left out change by {one.gain.words}'
+            f'{self.left_out} left out change by {one.gain.words}'
             for one in self.tried
             if one.accepted or self.asked
         ]

@@ -25,9 +25,10 @@ from calib_solver.fitting import (
     observe,
 )
 from calib_solver.left_out import LeftOut, missed
+from calib_solver.points.correction import fit_point_correction
 from calib_solver.points.gross_errors import without_gross_points
 from calib_solver.points.identified import PointIdentification
-from calib_solver.points.judging import Groups, choose_point_errors, judge_points
+from calib_solver.points.judging import Groups, choose_point_errors, judge_points, together
 from calib_solver.points.places import Places, best_places, start_places
 from calib_solver.points.problem import FLANGE, PointProblem, points_table
 from calib_solver.points.quality import (
@@ -78,6 +79,8 @@ def identify_points(
     solver, fit, descent, problem, errors = _solved(clean.problem, solver, clean.descent)
     fit = solver.whole(problem, fit, descent)
     done = _judged(problem, solver, fit, nominal, errors)
+    if options.correction != 'off':
+        done = _corrected(done)
     return replace(
         done,
         rejected=clean.rejected,
@@ -96,11 +99,6 @@ def checked_point_options(options: Options) -> Options:
         raise DataError(
             f'--objective {options.objective}: measured points have no distances and no spheres; '
             f'{OBJECTIVE} (eq. 10) is what they take'
-        )
-    if options.correction != 'off':
-        raise DataError(
-            f'--correction {options.correction}: eq. 12 is for probing poses of a gauge; for '
-            'measured points --joint-errors says what the D-H parameters cannot'
         )
     return checked_options(options)
 
@@ -181,9 +179,7 @@ def _judged(
     arm, _ = solver.table.apply(full, measured.arm, FLANGE)
     groups = None if solver.options.quick or len(fit.x) == 0 else Groups.of(problem)
     sums = _sums_at(problem, solver, fit, groups)
-    whole = sums[0]
-    for one in sums[1:]:
-        whole = whole + one
+    whole = together(sums)
     covariance, noise, assumed = _covariance(problem, solver, fit, whole)
     left_out = judge_points(problem, solver, fit, sums, groups) if groups is not None else None
     if left_out is not None:
@@ -231,6 +227,19 @@ def _covariance(
     scatter = noise * both.normal + np.diag(fit.kappa**2 * information * strength)
     covariance = covariance_of(scatter, both.normal + np.diag(prior), information, strength)
     return covariance, noise, assumed
+
+
+def _corrected(done: PointIdentification) -> PointIdentification:
+    """The same with the correction of eq. 12 tried on what it leaves."""
+    forced = done.options.correction == 'harmonic'
+    found = fit_point_correction(
+        done.problem, done.table, done.full, done.places, done.fit.kappa, forced
+    )
+    done = replace(done, choice_12=found.choice)
+    if not found.choice.accepted:
+        return done
+    flange = flange_of(done.problem, done.arm, done.correction)
+    return replace(done, corrected=assess_points(done.problem, flange, found.places))
 
 
 def _left_out_lines(left_out: LeftOut | None) -> tuple[str, ...]:

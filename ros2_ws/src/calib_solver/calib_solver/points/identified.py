@@ -13,7 +13,7 @@ from calib_model.arrays import Array
 from calib_model.instruments import Arm, PassiveProbe
 from calib_model.kinematics import Correction, ParameterTable
 from calib_model.transforms import RigidTransform, left_jacobian
-from calib_solver.error_models import JointErrorChoice
+from calib_solver.error_models import CorrectionChoice, JointErrorChoice
 from calib_solver.fitting import (
     ErrorShares,
     Fit,
@@ -62,7 +62,8 @@ class PointIdentification:
     `covariance` (F + P, F + P) is that of the free parameters and of all places' small motions,
     `normal` their J'J, without the prior's share;
     `turn_noise`, rad, a rotation's standard deviation, None where there are none. `initial` and
-    `identified` are the quality before and after.
+    `identified` are the quality before and after, `choice_12` is what came of eq. 12 and
+    `corrected` the quality with that where it was accepted.
     """
 
     problem: PointProblem
@@ -83,6 +84,8 @@ class PointIdentification:
     warnings: tuple[str, ...]
     joint_error_choice: JointErrorChoice | None = None
     left_out: LeftOut | None = None
+    choice_12: CorrectionChoice | None = None
+    corrected: PointQuality | None = None
 
     @property
     def places(self) -> Places:
@@ -104,8 +107,9 @@ class PointIdentification:
 
     @property
     def correction(self) -> Correction | None:
-        """All that is corrected beyond the D-H parameters."""
-        return self.model
+        """All that is corrected beyond the D-H parameters: `model`, and eq. 12 if accepted."""
+        chosen = self.choice_12.correction if self.choice_12 is not None else None
+        return chosen if chosen is not None else self.model
 
     @property
     def gauge(self) -> None:
@@ -176,6 +180,14 @@ class PointIdentification:
             found.append(Placed(str(number), int(counts[s]), transforms[s], moved, turn))
         return tuple(found)
 
+    @property
+    def corrected_stations(self) -> tuple[tuple[int, RigidTransform], ...]:
+        """T_tracker_base of every station with eq. 12's correction; none without."""
+        if self.corrected is None:
+            return ()
+        transforms, _ = self.corrected.places.transforms()
+        return tuple(zip(self.problem.stations, transforms, strict=True))
+
     def _of_place(self, number: int) -> Array:
         first = len(self.fit.x) + 6 * number
         return self.covariance[first : first + 6, first : first + 6]
@@ -185,17 +197,29 @@ class PointIdentification:
         """The first target at postures all over the workspace; `jacobian` (K, 3, F + 3) by the free
         parameters and by its place on the flange."""
         joints = drawn_postures(self.arm)
-        centers = np.broadcast_to(self.places.target[0], (len(joints), 3))
-        points, slope = posture_jacobian(self.arm, FLANGE, self.table, self.full, joints, centers)
+        points, slope = self._first_target(joints)
         held = slope[:, :, self.table.mount][:, :, :3]
         by_both = np.concatenate([slope[:, :, self.table.free_columns], held], axis=2)
         return Workspace(joints, points, by_both)
 
     @cached_property
     def position_uncertainty(self) -> Array:
-        """Standard uncertainty (K,), m, of the first target over the workspace, base frame."""
+        """Standard uncertainty (K,), m, of the first target over the workspace, base frame, with
+        eq. 12's share."""
         size = self.workspace.jacobian.shape[2]
-        return self.workspace.uncertainty(self.covariance[:size, :size])
+        sure = self.workspace.uncertainty(self.covariance[:size, :size])
+        beyond = self.choice_12.coefficients if self.choice_12 is not None else None
+        if beyond is None:
+            return sure
+        joints = self.workspace.joints
+        _, slope = self._first_target(joints)
+        moved = beyond.columns.moving(self.table, self.arm, joints, slope)
+        return np.sqrt(sure**2 + beyond.variance_of(moved))
+
+    def _first_target(self, joints: Array) -> tuple[Array, Array]:
+        """The first target (K, 3) in postures (K, n), and how it goes with all columns."""
+        centers = np.broadcast_to(self.places.target[0], (len(joints), 3))
+        return posture_jacobian(self.arm, FLANGE, self.table, self.full, joints, centers)
 
 
 def _standard(covariance: Array) -> Array:

@@ -8,11 +8,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from calib_model.errors import DataError
+from calib_model.instruments import Arm
+from calib_model.kinematics import Correction
 from calib_model.measured_points import PointMeasurement, PointSet
 from calib_solver.points.identified import PointIdentification
+from calib_solver.points.places import Places
 from calib_solver.points.problem import PointProblem
 from calib_solver.points.quality import (
     HeldOutPoints,
+    PointQuality,
     flange_of,
     known_quality,
     refuse_unknown_targets,
@@ -31,12 +35,16 @@ def held_out_points(measured: PointMeasurement, done: PointIdentification) -> He
     refuse_unknown_targets(measured, targets)
     problem = PointProblem.of(measured, targets).turns_weighing(done.problem.turn_weight)
     problem.refuse_too_few()
-    before = known_quality(
-        problem, flange_of(problem, done.problem.arm), done.initial.places, stations
-    )
-    flange = flange_of(problem, done.arm, done.correction)
+
+    def judged(arm: Arm, places: Places, correction: Correction | None = None) -> PointQuality:
+        return known_quality(problem, flange_of(problem, arm, correction), places, stations)
+
+    corrected = done.corrected
     return HeldOutPoints(
-        problem, before, known_quality(problem, flange, done.identified.places, stations)
+        problem,
+        judged(done.problem.arm, done.initial.places),
+        judged(done.arm, done.identified.places, done.model),
+        judged(done.arm, corrected.places, done.correction) if corrected is not None else None,
     )
 
 

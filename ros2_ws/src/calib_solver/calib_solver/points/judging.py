@@ -20,6 +20,7 @@ from calib_solver.points.solver import (
     PointSums,
     accumulate_points,
     eliminated,
+    padded,
 )
 from calib_solver.problem import IntArray
 
@@ -36,6 +37,11 @@ class Groups:
     number: IntArray
     count: int
     by: str
+
+    @property
+    def name(self) -> str:
+        """What the groups are, in words."""
+        return 'stations' if self.by == 'station' else 'postures'
 
     @classmethod
     def of(cls, problem: PointProblem) -> Groups | None:
@@ -56,10 +62,10 @@ def judge_points(
     problem: PointProblem, solver: PointSolver, fit: Fit, sums: list[PointSums], groups: Groups
 ) -> LeftOut:
     """Every group as the rest predicts it; `sums` are those of the groups at the fit."""
-    information = _padded(solver.information, problem.places)
+    information = padded(solver.information, problem.places)
     prior = fit.kappa * information
     about = np.concatenate([fit.x, np.zeros(problem.places)])
-    whole = _together(sums)
+    whole = together(sums)
     noise = fit.kappa
     wider = solver.wider(fit)
     strength = solver.options.prior.strength * wider**2
@@ -137,36 +143,50 @@ def choose_point_errors(
     about = wider.offsets(full)
     places = solver.places(problem, fit.x)
     sums = accumulate_points(problem, table, full, places, groups.number)
-    whole = _together(sums)
     free = len(about)
-    prior = fit.kappa * _padded(wider.information, problem.places)
+    prior = fit.kappa * padded(wider.information, problem.places)
     offsets = np.concatenate([about, np.zeros(problem.places)])
 
     def left_out(columns: IntArray) -> Array:
         used = np.concatenate([columns, np.arange(free, free + problem.places)])
-        return np.array([_square(used, own) for own in sums])
+        return squares_left_out(problem, sums, used, prior, offsets)
 
-    def _square(used: IntArray, own: PointSums) -> float:
+    choice = chosen_by(table, kinds, left_out, groups.count, asked)
+    return replace(choice, left_out=groups.name)
+
+
+def squares_left_out(
+    problem: PointProblem, sums: list[PointSums], used: IntArray, prior: Array, offsets: Array
+) -> Array:
+    """Mean squares (K,), m^2, of each group of points as a fit to the others predicts it, by the
+    columns `used`, of which the last are the places of all stations; stations that only the group
+    has are placed by it.
+
+    `prior` (D,), m^2, holds all columns of the `sums` near -`offsets` (D,) from here.
+    """
+    whole = together(sums)
+    nothing = np.zeros((len(offsets), len(offsets)))
+    found = []
+    for own in sums:
         rest = (whole - own).weighed(problem.turn_weight)
-        step = np.zeros(len(offsets))
-        step[used] = linear_step(
-            rest.normal[np.ix_(used, used)], rest.gradient[used], prior[used], offsets[used]
-        )
-        nothing = np.zeros((len(offsets), len(offsets)))
-        part = own.weighed(problem.turn_weight)
-        error = _fold_error(problem, part, rest, step, nothing, 0.0)
-        return error.seen / error.count
-
-    return chosen_by(table, kinds, left_out, groups.count, asked)
+        step = step_by(rest, used, prior, offsets)
+        error = _fold_error(problem, own.weighed(problem.turn_weight), rest, step, nothing, 0.0)
+        found.append(error.seen / error.count)
+    return np.array(found)
 
 
-def _together(sums: list[PointSums]) -> PointSums:
+def step_by(where: Quadratic, used: IntArray, prior: Array, offsets: Array) -> Array:
+    """The step (D,) to the least of an objective by some columns, none in the others."""
+    step = np.zeros(len(offsets))
+    step[used] = linear_step(
+        where.normal[np.ix_(used, used)], where.gradient[used], prior[used], offsets[used]
+    )
+    return step
+
+
+def together(sums: list[PointSums]) -> PointSums:
+    """The sums over all groups."""
     whole = sums[0]
     for one in sums[1:]:
         whole = whole + one
     return whole
-
-
-def _padded(information: Array, places: int) -> Array:
-    """With nothing known of targets and stations."""
-    return np.concatenate([information, np.zeros(places)])

@@ -87,11 +87,13 @@ def soft_trust(out: Array) -> Array:
 
 @dataclass(frozen=True)
 class HeldOutPoints:
-    """Held-out points, and their quality with the parameters before and after."""
+    """Held-out points, and their quality with the parameters before and after; `corrected` is with
+    the correction of eq. 12 too, where there is one."""
 
     problem: PointProblem
     initial: PointQuality
     identified: PointQuality
+    corrected: PointQuality | None = None
 
 
 def known_quality(

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from calib_model.arrays import Array
+from calib_model.instruments import Arm
 from calib_model.kinematics import ParameterTable, turning_jacobian
 from calib_solver.fitting import Minimiser, Quadratic
 from calib_solver.points.places import (
@@ -25,6 +27,8 @@ from calib_solver.problem import IntArray, by_joint, posture_jacobian
 
 BLOCK = 1024  # points at a time: their Jacobians stay in cache
 POSITION, TURN = 0, 1  # which residuals
+#: of positions and, where there are any, of rotations
+Slopes = tuple[Array, Array | None]
 #: m: coordinates of a tracker some metres off carry no more digits
 ROUNDING = 2e-15
 
@@ -52,6 +56,15 @@ class PointSums:
 
     def __sub__(self, other: PointSums) -> PointSums:
         return PointSums(*(getattr(self, name) - getattr(other, name) for name in vars(self)))
+
+    def only(self, columns: IntArray) -> PointSums:
+        """By some of the columns."""
+        return PointSums(
+            self.phi,
+            self.gradient[:, columns],
+            self.normal[:, columns[:, None], columns],
+            self.count,
+        )
 
     def weighed(self, turn_weight: float) -> Quadratic:
         """Both kinds of residuals as one objective of all columns, m^2."""
@@ -91,13 +104,29 @@ def accumulate_points(
 ) -> list[PointSums]:
     """The sums at all columns `full` (C,) and the places, one for each number of `folds` (N,) from
     0 on; one for all without. In blocks, so that memory does not grow with the points."""
+    residuals = Flange.of(problem, table, full).residuals(problem, places)
     free = len(table.free_columns)
+
+    def slopes(rows: IntArray) -> Slopes:
+        return point_slopes(problem, table, full, places, rows)
+
+    return accumulate_points_by(problem, free, residuals, slopes, folds)
+
+
+def accumulate_points_by(
+    problem: PointProblem,
+    free: int,
+    residuals: Slopes,
+    slopes_of: Callable[[IntArray], Slopes],
+    folds: IntArray | None = None,
+) -> list[PointSums]:
+    """The same by any F = `free` columns: `slopes_of` gives the Jacobians (R, 3, F + 12) of rows,
+    by these and by their places, and `residuals` (N, 3) are those of all points."""
     count = 1 if folds is None else int(folds.max(initial=0)) + 1
     sums = [PointSums.zero(free + problem.places) for _ in range(count)]
-    residuals = Flange.of(problem, table, full).residuals(problem, places)
     for begin in range(0, len(problem), BLOCK):
         block = np.arange(begin, min(begin + BLOCK, len(problem)))
-        slopes = point_slopes(problem, table, full, places, block)
+        slopes = slopes_of(block)
         for part in problem.parts_of(block):
             within = problem.part[block] == part
             own = np.concatenate([np.arange(free), free + columns_of(problem, part)])
@@ -111,7 +140,7 @@ def accumulate_points(
 
 def point_slopes(
     problem: PointProblem, table: ParameterTable, full: Array, places: Places, rows: IntArray
-) -> tuple[Array, Array | None]:
+) -> Slopes:
     """Jacobians (R, 3, F + 12) of rows, by the places of their own targets and stations: of
     positions, and of rotations if there are."""
     arm, _ = table.apply(full, problem.arm, FLANGE)
@@ -123,17 +152,29 @@ def point_slopes(
     position = np.concatenate([by_parameter[:, :, table.free_columns], moved], axis=2)
     if not problem.oriented[rows].any():
         return position, None
-    by_angle = np.zeros_like(by_parameter)
+    by_angle = turning_slopes(table, arm, full, joints)
+    return position, np.concatenate([by_angle[:, :, table.free_columns], turned], axis=2)
+
+
+def turning_slopes(table: ParameterTable, arm: Arm, full: Array, joints: Array) -> Array:
+    """How the flange turns with every column of the table (R, 3, C), rad, where the encoders of
+    `arm`, that of all columns `full` (C,), read `joints` (R, n)."""
+    by_angle = np.zeros((len(joints), 3, len(full)))
     errors = table.joint_errors(full)
     if errors is None:
         by_angle[:, :, : table.mount.start] = turning_jacobian(arm, joints)
-    else:
-        basis = errors.terms.basis(arm, joints)
-        turns = turning_jacobian(arm, joints + errors.angles(arm, joints))
-        terms = by_joint(table, arm, turns)[:, :, None, :] * basis[:, None, :, :]
-        by_angle[:, :, : table.mount.start] = turns
-        by_angle[:, :, table.mount.stop :] = terms.reshape(len(rows), 3, -1)
-    return position, np.concatenate([by_angle[:, :, table.free_columns], turned], axis=2)
+        return by_angle
+    basis = errors.terms.basis(arm, joints)
+    turns = turning_jacobian(arm, joints + errors.angles(arm, joints))
+    terms = by_joint(table, arm, turns)[:, :, None, :] * basis[:, None, :, :]
+    by_angle[:, :, : table.mount.start] = turns
+    by_angle[:, :, table.mount.stop :] = terms.reshape(len(joints), 3, -1)
+    return by_angle
+
+
+def padded(information: Array, places: int) -> Array:
+    """With nothing known of places."""
+    return np.concatenate([information, np.zeros(places)])
 
 
 def _add(
@@ -141,8 +182,8 @@ def _add(
     problem: PointProblem,
     rows: IntArray,
     own: IntArray,
-    residuals: tuple[Array, Array],
-    slopes: tuple[Array, Array | None],
+    residuals: Slopes,
+    slopes: Slopes,
     taken: IntArray,
 ) -> None:
     weights = (
@@ -150,12 +191,12 @@ def _add(
         problem.trust[rows] * problem.oriented[rows],
     )
     for kind in (POSITION, TURN):
-        slope, weight = slopes[kind], weights[kind]
-        if slope is None or not weight.any():
+        slope, residual_of, weight = slopes[kind], residuals[kind], weights[kind]
+        if slope is None or residual_of is None or not weight.any():
             continue
         root = np.sqrt(weight)
         flat = (root[:, None, None] * slope[taken]).reshape(-1, slope.shape[2])
-        residual = (root[:, None] * residuals[kind][rows]).reshape(-1)
+        residual = (root[:, None] * residual_of[rows]).reshape(-1)
         sums.phi[kind] += residual @ residual
         sums.gradient[kind][own] += flat.T @ residual
         sums.normal[kind][np.ix_(own, own)] += flat.T @ flat

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     )
     from calib_solver.report.png import (
         save_figures as save_figures,
+        save_point_figures as save_point_figures,
     )
     from calib_solver.report.points import (
         point_evidence_of as point_evidence_of,

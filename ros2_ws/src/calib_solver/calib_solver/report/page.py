@@ -23,10 +23,10 @@ from calib_solver.report.instruments import inputs
 from calib_solver.report.parameters import beyond, mount, parameters, repetitions
 from calib_solver.report.points import point_annex
 from calib_solver.report.quality import (
-    Columns,
     full_quality,
     key_figures,
     measuring_arm,
+    qualities,
     standards,
 )
 from calib_solver.report.residuals import (
@@ -58,7 +58,7 @@ def report_html(record: Record, evidence: dict[str, Any], info: Info | None = No
 
 def _annex(record: Record, evidence: dict[str, Any]) -> list[str]:
     """All that is behind the first page."""
-    columns = _columns(record)
+    columns = qualities(record)
     return [
         paragraph(_lead(record, evidence), 'faint'),
         _judged(record),
@@ -120,18 +120,3 @@ def _judged(record: Record) -> str:
         return ''
     words = left_out_words(left_out)
     return paragraph(f'{words[0].upper()}{words[1:]}.', 'judged')
-
-
-def _columns(record: Record) -> Columns:
-    """The qualities side by side, those with eq. 12's correction where it was accepted."""
-    quality = record['quality']
-    corrected = (record.get('correction') or {}).get('quality') or {}
-    columns = {'initial': quality['initial'], 'identified': quality['identified']}
-    if corrected:
-        columns['corrected'] = corrected['identified']
-    if quality['test'] is not None:
-        columns['held out, initial'] = quality['test_initial']
-        columns['held out, identified'] = quality['test']
-        if corrected:
-            columns['held out, corrected'] = corrected['test']
-    return columns

@@ -21,7 +21,7 @@ from calib_solver.report.html import (
 from calib_solver.results import Record, convention_words
 
 JUDGED = (
-    'Judged on gauge locations left out in turn ({folds} parts): the change of their rms, with the '
+    'Judged on {left_out} left out in turn ({folds} parts): the change of their rms, with the '
     'standard error of its logarithm; what does not help there is not used.'
 )
 METHODS = {'monte_carlo': 'Monte Carlo', 'bootstrap': 'bootstrap over'}
@@ -134,15 +134,15 @@ def beyond(record: Record) -> str:
     """What became of joint errors and of eq. 12, where they were asked for or found; else
     nothing."""
     errors, correction = record.get('joint_errors'), record.get('correction')
-    parts = []
+    parts, left_out = [], 'groups of points' if 'stations' in record else 'gauge locations'
     if errors is not None and errors['verdict']:
-        parts.append(_joint_errors(errors))
+        parts.append(_joint_errors(errors, left_out))
     if correction is not None:
-        parts.append(_correction(correction))
+        parts.append(_correction(correction, left_out))
     return section('Beyond Denavit-Hartenberg', *parts) if parts else ''
 
 
-def _joint_errors(errors: Record) -> str:
+def _joint_errors(errors: Record, left_out: str) -> str:
     rows = [
         [one['kind'], 'used' if one['identified'] else 'refused', *_gain(one)]
         for one in errors['tried']
@@ -150,7 +150,7 @@ def _joint_errors(errors: Record) -> str:
     header = ['kind', '', 'change', 'std. error', 'rms without, mm', 'rms with, mm']
     text = part('Joint errors') + ''.join(map(paragraph, errors['verdict']))
     if rows:
-        text += paragraph(JUDGED.format(folds=errors['folds']))
+        text += paragraph(JUDGED.format(left_out=left_out, folds=errors['folds']))
         text += table('', header, rows, range(2, 6))
     if errors['parameters']:
         text += ''.join(parameter_tables(errors['parameters']))
@@ -163,15 +163,20 @@ def _gain(one: Record) -> list[str]:
     return [change, f'{one["standard_error"]:.3f}', *rms]
 
 
-def _correction(correction: Record) -> str:
+def _correction(correction: Record, left_out: str) -> str:
     text = part('Correction functions (eq. 12)') + paragraph(correction['verdict'])
     gain = correction['gain']
     if gain is None:
         return text
+    named = {
+        'all residuals, rms': 'rms',
+        '2 sigma, rms': 'two_sigma',
+        'distance error, rms': 'distance',
+    }
     rows = [
-        ['all residuals, rms', mm(gain['rms_before']), mm(gain['rms_after'])],
-        ['2 sigma, rms', mm(gain['two_sigma_before']), mm(gain['two_sigma_after'])],
-        ['distance error, rms', mm(gain['distance_before']), mm(gain['distance_after'])],
+        [name, mm(gain[f'{key}_before']), mm(gain[f'{key}_after'])]
+        for name, key in named.items()
+        if gain[f'{key}_before'] is not None
     ]
     basis = (
         f'Harmonics of the joints\u2019 angles: {correction["turn_harmonics"]} in what turns with '
@@ -182,6 +187,6 @@ def _correction(correction: Record) -> str:
     return (
         text
         + paragraph(basis)
-        + paragraph(JUDGED.format(folds=correction['folds']))
+        + paragraph(JUDGED.format(left_out=left_out, folds=correction['folds']))
         + table('', header, rows, (1, 2), name='narrow')
     )

@@ -3,24 +3,29 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calib_model.arrays import Array
 from calib_model.errors import CalibrationError
 from calib_model.files import write_whole
 from calib_solver.held_out import HeldOut
 from calib_solver.identification import Identification
+from calib_solver.points import HeldOutPoints, PointIdentification
 from calib_solver.quality import Quality
 from calib_solver.report.charts import SHAPES, Chart, Series
 from calib_solver.report.figures import (
     convergence_chart,
+    convergence_of,
     joint_charts,
     quality_charts,
     residual_charts,
 )
+from calib_solver.report.points import point_clouds
 from calib_solver.report.workspace import workspace_charts
 
 if TYPE_CHECKING:
@@ -45,6 +50,8 @@ INK, FAINT, RULE = '#1c2126', '#5d6771', '#dce0e4'
 LEAST = 1e-4  # mm, so that a perfect value stays on a logarithmic axis
 UNITS_PER_INCH = 80.0
 DPI = 130
+#: so many dots are drawn large
+FEW = 100
 
 
 def all_charts(done: Identification, held_out: HeldOut | None) -> list[Chart]:
@@ -146,32 +153,84 @@ def _draw(axes: Axes, one: Series) -> None:
 
 def before_and_after(done: Identification) -> Figure:
     """Every pose's deviation from its sphere's mean and every distance error, before and after."""
-    figure = _figure(11, 4.2)
-    figure.set_layout_engine('constrained')
-    poses, distances = figure.subplots(1, 2, width_ratios=(3, 2))
-    for quality, role, label in (
-        (done.initial, 'before', 'nominal parameters'),
-        (done.identified, 'after', 'identified parameters'),
-    ):
-        size = np.maximum(deviation_sizes(quality), LEAST)
-        style = {'color': COLOURS[role], 'markeredgewidth': 0, 'label': label}
-        poses.plot(np.arange(len(size)), size, 'o', markersize=2.6, **style)
-        error = np.maximum(quality.distance * 1e3, LEAST)
-        distances.plot(np.arange(1, len(error) + 1), error, 'o', markersize=5, **style)
-    for axes, title, below in (
-        (poses, 'Each pose: distance from the mean of its sphere, mm', 'pose, sphere by sphere'),
-        (
-            distances,
+    before, after = done.initial, done.identified
+    return _side_by_side(
+        Panel(
+            'Each pose: distance from the mean of its sphere, mm',
+            'pose, sphere by sphere',
+            deviation_sizes(before),
+            deviation_sizes(after),
+        ),
+        Panel(
             'Each distance: error against the certificate, mm',
             'pair of spheres, location by location',
+            before.distance * 1e3,
+            after.distance * 1e3,
         ),
-    ):
-        axes.set(yscale='log', xlabel=below)
+    )
+
+
+def points_before_and_after(done: PointIdentification) -> Figure:
+    """How far every point is from its prediction, and how far turned where that was measured,
+    before and after."""
+    before, after = done.initial, done.identified
+    panels = [
+        Panel(
+            'Each point: distance from its prediction, mm',
+            'point, station by station',
+            before.distance * 1e3,
+            after.distance * 1e3,
+        )
+    ]
+    if len(after.angle):
+        panels.append(
+            Panel(
+                'Each orientation: turned from its prediction, mrad',
+                'point, station by station',
+                before.angle * 1e3,
+                after.angle * 1e3,
+            )
+        )
+    return _side_by_side(*panels)
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Sizes (N,) before and after, one dot each."""
+
+    title: str
+    below: str
+    before: Array
+    after: Array
+
+
+def _side_by_side(*panels: Panel) -> Figure:
+    """Panels with a logarithmic axis each, the first the widest."""
+    figure = _figure(11, 4.2)
+    figure.set_layout_engine('constrained')
+    widths = (3, 2)[: len(panels)]
+    drawn_on = figure.subplots(1, len(panels), width_ratios=widths, squeeze=False)[0]
+    for axes, panel in zip(drawn_on, panels, strict=True):
+        for sizes, role, label in (
+            (panel.before, 'before', 'nominal parameters'),
+            (panel.after, 'after', 'identified parameters'),
+        ):
+            few = len(sizes) <= FEW
+            axes.plot(
+                np.arange(1, len(sizes) + 1),
+                np.maximum(sizes, LEAST),
+                'o',
+                markersize=5 if few else 2.6,
+                color=COLOURS[role],
+                markeredgewidth=0,
+                label=label,
+            )
+        axes.set(yscale='log', xlabel=panel.below)
         axes.yaxis.set_major_formatter('{x:g}')
-        _title(axes, title)
-    poses.set_xlim(0, len(done.problem.joints))
+        _title(axes, panel.title)
+    drawn_on[0].set_xlim(0, len(panels[0].before) + 1)
     figure.legend(
-        *poses.get_legend_handles_labels(),
+        *drawn_on[0].get_legend_handles_labels(),
         loc='outside lower center',
         ncols=2,
         frameon=False,
@@ -196,9 +255,25 @@ def save_figures(
     Raises:
         CalibrationError: the folder or a file in it cannot be written.
     """
+    return _saved(folder, before_and_after(done), all_charts(done, held_out))
+
+
+def save_point_figures(
+    done: PointIdentification, folder: str | Path, held_out: HeldOutPoints | None = None
+) -> list[Path]:
+    """The same of measured points.
+
+    Raises:
+        CalibrationError: the folder or a file in it cannot be written.
+    """
+    charts = [*point_clouds(done, held_out), convergence_of(done.fit)]
+    return _saved(folder, points_before_and_after(done), charts)
+
+
+def _saved(folder: str | Path, both: Figure, charts: list[Chart]) -> list[Path]:
     folder = Path(folder)
-    figures = {'before_and_after': before_and_after(done)}
-    figures |= {chart.name: drawn(chart) for chart in all_charts(done, held_out)}
+    figures = {'before_and_after': both}
+    figures |= {chart.name: drawn(chart) for chart in charts}
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, figure in figures.items():

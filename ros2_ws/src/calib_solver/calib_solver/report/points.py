@@ -26,17 +26,12 @@ from calib_solver.report.html import (
     warnings_box,
 )
 from calib_solver.report.instruments import Inputs, file_rows, inputs, versions
-from calib_solver.report.parameters import parameters, repetitions
+from calib_solver.report.parameters import beyond, parameters, repetitions
+from calib_solver.report.quality import qualities
 from calib_solver.report.residuals import by_joint, solver, warnings
 from calib_solver.results import Record, left_out_words
 
 SHOWN_REJECTED = 50
-COLUMNS = {
-    'initial': 'initial',
-    'identified': 'identified',
-    'test_initial': 'held out, initial',
-    'test': 'held out, identified',
-}
 
 
 def point_evidence_of(
@@ -53,7 +48,7 @@ def point_evidence_of(
         'files': file_rows(given),
         'versions': versions(),
         'charts': {
-            'residuals': chart_records(_clouds(done, held_out)),
+            'residuals': chart_records(point_clouds(done, held_out)),
             'convergence': chart_records([convergence_of(done.fit)]),
         },
     }
@@ -79,6 +74,7 @@ def point_annex(record: Record, evidence: dict[str, Any]) -> list[str]:
             by_joint(record),
             _rejected(record),
         ),
+        beyond(record),
         section(
             'How it was computed',
             solver(record),
@@ -97,8 +93,7 @@ def _lead(evidence: dict[str, Any]) -> str:
 
 
 def _quality(record: Record) -> str:
-    quality = {name: record['quality'][key] for key, name in COLUMNS.items()}
-    columns = {name: one for name, one in quality.items() if one is not None}
+    columns = qualities(record)
     rows = [
         [f'Position error, {key}', *(mm(one['position'][key]) for one in columns.values())]
         for key in ('mean', 'rms', 'max')
@@ -186,7 +181,8 @@ def _rejected(record: Record) -> str:
     )
 
 
-def _clouds(done: PointIdentification, held_out: HeldOutPoints | None) -> list[Chart]:
+def point_clouds(done: PointIdentification, held_out: HeldOutPoints | None) -> list[Chart]:
+    """Clouds of what the points are away from their predictions."""
     shown: list[tuple[str, str, Array]] = [('after', 'identified', done.identified.position)]
     if held_out is not None:
         shown.insert(0, ('held', 'held out', held_out.identified.position))

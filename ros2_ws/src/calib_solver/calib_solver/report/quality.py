@@ -10,6 +10,21 @@ from calib_solver.results import Record
 Columns = dict[str, Record]
 
 
+def qualities(record: Record) -> Columns:
+    """The qualities side by side, those with eq. 12's correction where it was accepted."""
+    quality = record['quality']
+    corrected = (record.get('correction') or {}).get('quality') or {}
+    columns = {'initial': quality['initial'], 'identified': quality['identified']}
+    if corrected:
+        columns['corrected'] = corrected['identified']
+    if quality['test'] is not None:
+        columns['held out, initial'] = quality['test_initial']
+        columns['held out, identified'] = quality['test']
+        if corrected:
+            columns['held out, corrected'] = corrected['test']
+    return columns
+
+
 def key_figures(columns: Columns) -> str:
     """The four figures that people ask for first."""
     rows = [

@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from calib_model.kinematics import KINDS
-from calib_solver.error_models import Gain, JointErrorChoice
+from calib_solver.error_models import CorrectionChoice, Gain, JointErrorChoice
 from calib_solver.fitting import ParameterEstimate
 from calib_solver.identification import Identification
 from calib_solver.quality import Quality
@@ -64,9 +64,19 @@ def joint_errors_record(done: WithJointErrors) -> Record | None:
 def correction_record(done: Identification, test: Quality | None = None) -> Record | None:
     """What came of eq. 12, None where it was not asked for; `test` is the held-out quality with
     the correction. Errors left out are rms over gauge locations not fitted to, m."""
-    choice = done.choice_12
-    if choice is None:
+    if done.choice_12 is None:
         return None
+    record = choice_record(done.choice_12)
+    if done.corrected is not None:
+        record['quality'] = {
+            'identified': quality_record(done.corrected),
+            'test': quality_record(test) if test is not None else None,
+        }
+    return record
+
+
+def choice_record(choice: CorrectionChoice) -> Record:
+    """The same but for the quality. Measured points have neither 2 sigma nor distances."""
     record: Record = {
         'accepted': choice.accepted,
         'verdict': choice.verdict,
@@ -78,18 +88,15 @@ def correction_record(done: Identification, test: Quality | None = None) -> Reco
         'gain': None,
         'quality': None,
     }
-    if choice.gain is not None and choice.two_sigma is not None and choice.distance is not None:
+    if choice.gain is not None:
+        nothing = (None, None)
+        two_sigma, distance = choice.two_sigma or nothing, choice.distance or nothing
         record['gain'] = {
             **gain_record(choice.gain),
-            'two_sigma_before': choice.two_sigma[0],
-            'two_sigma_after': choice.two_sigma[1],
-            'distance_before': choice.distance[0],
-            'distance_after': choice.distance[1],
-        }
-    if done.corrected is not None:
-        record['quality'] = {
-            'identified': quality_record(done.corrected),
-            'test': quality_record(test) if test is not None else None,
+            'two_sigma_before': two_sigma[0],
+            'two_sigma_after': two_sigma[1],
+            'distance_before': distance[0],
+            'distance_after': distance[1],
         }
     return record
 

@@ -11,7 +11,7 @@ from calib_model.arrays import Array
 from calib_model.instruments import CLASSIC
 from calib_solver.points import HeldOutPoints, Placed, PointIdentification, PointQuality
 from calib_solver.problem import IntArray
-from calib_solver.results.corrections import joint_errors_record
+from calib_solver.results.corrections import choice_record, joint_errors_record
 from calib_solver.results.diagnostics import finite, joint_shares, prior_record
 from calib_solver.results.files import (
     SCHEMA,
@@ -59,8 +59,25 @@ def point_result_record(
         'diagnostics': _diagnostics(done),
         'resampling': resampling_record(done, resampled) if resampled is not None else None,
         'joint_errors': joint_errors_record(done),
-        'correction': None,
+        'correction': _correction(done, held_out),
     }
+
+
+def _correction(done: PointIdentification, held_out: HeldOutPoints | None) -> Record | None:
+    """What came of eq. 12; `stations` are where they are with it, targets where they were."""
+    if done.choice_12 is None:
+        return None
+    record = {**choice_record(done.choice_12), 'stations': None}
+    if done.corrected is not None:
+        test = held_out.corrected if held_out is not None else None
+        record['quality'] = {
+            'identified': point_quality_record(done.corrected),
+            'test': point_quality_record(test) if test is not None else None,
+        }
+        record['stations'] = [
+            {'station': number, **transform_record(at)} for number, at in done.corrected_stations
+        ]
+    return record
 
 
 def target_record(target: Placed) -> Record:

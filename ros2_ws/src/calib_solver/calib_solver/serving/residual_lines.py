@@ -61,7 +61,7 @@ def point_residuals(done: PointIdentification) -> tuple[Residuals, Residuals]:
 
     return (
         shown('before', RED, done.initial, done.problem.arm),
-        shown('after', GREEN, done.identified, done.arm, done.correction),
+        shown('after', GREEN, done.identified, done.arm, done.model),
     )
 
 

@@ -11,13 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import result_schema
-from simulated_calibration import Scene
+from simulated_calibration import Scene, kr5
 from simulated_points import tracked
 
 from calib_model.bags import cdr, write_measurement, write_points
 from calib_model.bags.points import _quickly, _row_of
+from calib_model.kinematics import Correction, JointErrors, JointTerms
 from calib_model.topics import MEASURED_POINT
-from calib_solver.commands import compensate, evaluate, identify, report
+from calib_solver.commands import compensate, evaluate, identify, report, verify
 
 
 @pytest.fixture(scope='module')
@@ -85,6 +86,54 @@ def test_the_report_is_made_anew_with_what_is_known_of_the_tracker(
         assert words in page
 
 
+def test_the_figures_are_drawn(bags, tmp_path: Path) -> None:
+    words = [bags['test'], '--quick', '--figures', str(tmp_path / 'drawn')]
+    assert identify.main(words) == 0
+    drawn = {path.stem: path.read_bytes() for path in (tmp_path / 'drawn').glob('*.png')}
+    clouds = {f'residuals_{axes}' for axes in ('xy', 'xz', 'yz')}
+    assert drawn.keys() == {'before_and_after', 'convergence', *clouds}
+    assert all(content.startswith(b'\x89PNG') and len(content) > 4000 for content in drawn.values())
+
+
+@pytest.fixture(scope='module')
+def corrected(tmp_path_factory) -> Path:
+    """An arm whose encoders sit eccentric, seen from two stations, with the correction of eq. 12;
+    beside it new points of one of them."""
+    folder = tmp_path_factory.mktemp('eccentric')
+    values = 4e-4 * np.random.default_rng(9).normal(size=(4, 6))
+    encoders = Correction(kr5().joint_names, JointErrors(JointTerms(2), values))
+    noise = {'noise': 2e-5, 'correction': encoders}
+    write_points(folder / 'bag', tracked(61, 160, 1, 2, **noise).measured)
+    write_points(folder / 'new', tracked(62, 60, 1, 2, world=61, **noise).measured)
+    words = [str(folder / 'bag'), '--test', str(folder / 'new'), '--joint-errors', 'none']
+    words += ['--correction', 'auto', '--output', str(folder / 'out')]
+    assert identify.main(words) == 0
+    return folder
+
+
+def test_what_eq_12_corrects_is_in_the_result_and_the_report(corrected: Path) -> None:
+    record = json.loads((corrected / 'out' / 'result.json').read_text())
+    result_schema.point_result(record, oriented=False)
+    before, after = record['quality']['test'], record['correction']['quality']['test']
+    assert after['position']['rms'] < 0.8 * before['position']['rms']
+    page = (corrected / 'out' / 'report.html').read_text()
+    for words in ('held out, corrected', 'Correction functions (eq. 12)', 'groups of points'):
+        assert words in page
+
+
+def test_verify_and_evaluate_apply_what_eq_12_corrects(corrected: Path, capsys) -> None:
+    record = json.loads((corrected / 'out' / 'result.json').read_text())
+    told = record['correction']['quality']['test']['position']['rms']
+    folder, new = str(corrected / 'out'), str(corrected / 'new')
+    verify.main([new, '--result', folder, '--json'])
+    verified = json.loads(capsys.readouterr().out)['quality']['position']['rms']
+    assert verified == pytest.approx(told, rel=1e-6)
+    words = ['--arm', f'{folder}/arm.yaml', '--correction', f'{folder}/correction.yaml']
+    assert evaluate.main([new, *words]) == 0
+    # targets and stations where they fit best
+    assert 0.5 < json.loads(capsys.readouterr().out)['position']['rms'] / told <= 1
+
+
 def test_evaluate_takes_points(bags, output: Path, capsys) -> None:
     assert evaluate.main([bags['test'], '--arm', str(output / 'arm.yaml')]) == 0
     record = json.loads(capsys.readouterr().out)
@@ -104,12 +153,9 @@ def test_the_first_target_is_the_tool_of_compensate(output: Path, tmp_path: Path
     'given',
     [
         ['--objective', 'distance'],
-        ['--correction', 'auto'],
-        ['--scheduler', 'tcp://127.0.0.1:1'],
         ['--probe', 'p.yaml'],
         ['--gauge', 'g.yaml'],
         ['--temperature', '22'],
-        ['--figures', 'f'],
     ],
 )
 def test_what_points_do_not_take_is_one_line(bags, capsys, given: list[str]) -> None:

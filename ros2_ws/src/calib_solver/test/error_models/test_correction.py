@@ -17,7 +17,7 @@ from calib_model.descriptions import parse_arm, parse_correction, read_descripti
 from calib_model.errors import DataError
 from calib_model.kinematics import CorrectedArm, JointErrors, JointTerms
 from calib_solver.calibration import Sources, calibrate, evaluation_record, summary_text
-from calib_solver.error_models.correction import _Columns
+from calib_solver.error_models.correction import CorrectionColumns
 from calib_solver.error_models.validation_gain import Gain
 from calib_solver.fitting import Options
 from calib_solver.identification import identify
@@ -97,7 +97,7 @@ def test_it_is_refused_on_seven_joints_of_which_only_the_geometry_is_off():
 
 
 def test_columns_are_what_the_correction_does(done):
-    problem, columns = done.problem, _Columns(6, 2, 2)
+    problem, columns = done.problem, CorrectionColumns(6, 2, 2)
     rows = np.arange(0, len(problem.joints), 41)
     point, slope = columns.at(problem, done.table, done.full, rows)
     step = 1e-6 * np.random.default_rng(3).normal(size=columns.count)

@@ -208,9 +208,12 @@ def test_identify_answers_what_the_command_writes(ask, files, tmp_path):
 def test_measured_points_are_identified_evaluated_and_verified(ask, tmp_path):
     bag, output = str(tmp_path / 'points'), str(tmp_path / 'tracked')
     write_points(bag, tracked(83, 60, 2, 2, True, 4e-5, 9e-5).measured)
-    answer = ask(Identify, bag=bag, output=output, quick=True)
+    answer = ask(Identify, bag=bag, output=output, correction='harmonic', quick=True)
     assert answer.success, answer.message
     assert answer.objective == 'position'
+    assert answer.correction.has_quality
+    assert answer.correction.identified.position.count == 60
+    assert math.isnan(answer.correction.gain.two_sigma_before)
     assert [one.target for one in answer.targets] == ['1', '2']
     assert all(one.has_rotation for one in answer.targets)
     assert [one.station for one in answer.stations] == [1, 2]

@@ -13,8 +13,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from simulated_calibration import kr5, passive, simulate
+from simulated_points import tracked
 
-from calib_model.bags import write_measurement
+from calib_model.bags import write_measurement, write_points
 from calib_model.errors import CalibrationError
 from calib_model.kinematics import identifiable_table
 from calib_solver.calibration import Sources, load
@@ -148,6 +149,14 @@ def test_repetitions_there_are_those_made_here(scheduler, measured):
     assert len(advanced) == 3
     for name in ('monte_carlo', 'bootstrap'):
         np.testing.assert_array_equal(getattr(there, name).deviation, getattr(here, name).deviation)
+
+
+def test_repetitions_of_measured_points_there_are_those_made_here(scheduler, tmp_path):
+    write_points(tmp_path / 'bag', tracked(6, 40, noise=4e-5).measured)
+    words = [str(tmp_path / 'bag'), '--quick', '--monte-carlo', '3', '--bootstrap', '3']
+    here, there = (run([*words, *more]).record for more in ([], ['--scheduler', scheduler]))
+    assert there['parameters'] == here['parameters']
+    assert there['resampling']['parameters'] == here['resampling']['parameters']
 
 
 def test_the_command_takes_the_address(scheduler, bags, tmp_path):
