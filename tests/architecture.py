@@ -38,7 +38,7 @@ ORDER = {
     'measurement measured_points instruments files topics progress command_line bounds stamps '
     'transforms arrays errors lazy blas_threads starting',
     'selfcenter_probe': 'nodes commands operator simulation sensing',
-    'calib_capture': 'nodes commands replaying showing recording program motion checking '
+    'calib_capture': 'nodes commands replaying showing recording measuring program motion checking '
     'default_files',
     'calib_solver': 'nodes commands serving acceptance calibration report results resampling '
     'held_out points identification preparation left_out faults error_models compensation fitting '

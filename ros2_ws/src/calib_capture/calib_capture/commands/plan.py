@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calib_capture import motion, program, recording
+from calib_capture import measuring, motion, program
 from calib_capture.default_files import FILES, configured, refuse_other_arm
 from calib_model import descriptions
 from calib_model.command_line import CommandParser, number_from, run_command, whole_from
@@ -72,7 +72,7 @@ def planned(given: argparse.Namespace) -> program.Program:
     found = program.Planner(arm, probe, gauge, settings).program(
         placements, given.locations or (), Progress(sys.stderr)
     )
-    return recording.RunSettings(hold=standing.hold).timed(found, arm)
+    return measuring.RunSettings(hold=standing.hold).timed(found, arm)
 
 
 def described(given: argparse.Namespace) -> tuple[Arm, Probe, Gauge]:

@@ -12,10 +12,11 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from trajectory_msgs.msg import JointTrajectory
 
+from calib_capture.measuring import RunError
 from calib_capture.motion import Trajectory
 from calib_capture.nodes.messages import joint_trajectory
 from calib_capture.nodes.trajectory_action import GoalSender, goal_sender
-from calib_capture.recording import RunError, trajectory_cdr
+from calib_capture.recording import trajectory_cdr
 from calib_model.nodes import qos_of
 from calib_model.topics import CAPTURE_POSES, CONTROLLER, commanded, follow_action
 

@@ -15,14 +15,15 @@ from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.executors import Executor
 from rclpy.parameter import Parameter
 
-from calib_capture.nodes.action_server import CaptureServer
-from calib_capture.nodes.capture_graph import CaptureNode
-from calib_capture.nodes.capture_run import CaptureRun, Stopped, Unfinished, Watcher
-from calib_capture.nodes.parameters import PROGRAM, ParameterReader
-from calib_capture.nodes.run_display import RunDisplay
-from calib_capture.nodes.teach_service import TeachService
+from calib_capture.measuring import Tally
+from calib_capture.nodes.capture.action_server import CaptureServer
+from calib_capture.nodes.capture.graph import CaptureNode
+from calib_capture.nodes.capture.parameters import PROGRAM, ParameterReader
+from calib_capture.nodes.capture.run import CaptureRun, Stopped, Unfinished, Watcher
+from calib_capture.nodes.capture.run_display import RunDisplay
+from calib_capture.nodes.capture.teach_service import TeachService
 from calib_capture.program import TaughtBook
-from calib_capture.recording import HandGuidedSession, ProgramSession, TakingSession, Tally
+from calib_capture.recording import HandGuidedSession, ProgramSession, TakingSession
 from calib_model.command_line import run_command
 from calib_model.errors import ParameterError
 from calib_model.nodes import NodeCommand, init, lean_executor, warn_of_unknown

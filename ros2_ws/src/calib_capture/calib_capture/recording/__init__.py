@@ -19,17 +19,6 @@ if TYPE_CHECKING:
     from calib_capture.recording.hand_guided_session import (
         HandGuidedSession as HandGuidedSession,
     )
-    from calib_capture.recording.locations import (
-        EndedLocation as EndedLocation,
-    )
-    from calib_capture.recording.measuring_run import (
-        MeasuringRun as MeasuringRun,
-        RunError as RunError,
-        RunSettings as RunSettings,
-        SourceError as SourceError,
-        TakenPose as TakenPose,
-        Tally as Tally,
-    )
     from calib_capture.recording.program_session import (
         ProgramSession as ProgramSession,
     )

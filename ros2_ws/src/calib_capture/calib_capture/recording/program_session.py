@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from calib_capture.measuring import MeasuringRun, RunError, Tally
 from calib_capture.motion import Trajectory
 from calib_capture.recording.hand_guided_record import CLOCK_NOTE, apart, clock_content, clock_line
-from calib_capture.recording.measuring_run import MeasuringRun, RunError, Tally
 from calib_capture.recording.recorder import Recorder
 from calib_model.bags import cdr
 from calib_model.pairing import ClockEstimate, JointSample, Outcome, Pairing, Reading

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calib_capture.measuring import TakenPose
 from calib_capture.program import PlannedPose, Program
-from calib_capture.recording import TakenPose
 from calib_model.arrays import Array, frozen
 from calib_model.instruments import Arm, Gauge, Probe, known_centers
 from calib_model.kinematics import forward_kinematics

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from calib_capture.recording import Tally
+from calib_capture.measuring import Tally
 
 
 class RefusalNews:

@@ -7,8 +7,8 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from calib_capture.measuring import MeasuringRun
 from calib_capture.program import Program
-from calib_capture.recording import MeasuringRun
 from calib_capture.showing.running_quality import RunningQuality, SphereScatter
 from calib_model.instruments import Arm, Gauge, Probe
 from calib_model.measurement import ProbingSet

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from calib_capture.commands import plan
+from calib_capture.measuring import MeasuringRun, RunSettings, TakenPose
+from calib_capture.measuring.commanded_motion import LEAD
 from calib_capture.motion import InverseKinematics
 from calib_capture.nodes.messages import marker_array
 from calib_capture.program import (
@@ -15,8 +17,6 @@ from calib_capture.program import (
     branch_names,
     program_text,
 )
-from calib_capture.recording import MeasuringRun, RunSettings, TakenPose
-from calib_capture.recording.commanded_motion import LEAD
 from calib_capture.showing import outcome_markers, program_markers
 from calib_model.kinematics import forward_kinematics
 from calib_model.pairing import SteadyPose

@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calib_capture.measuring import MeasuringRun, RunSettings, TakenPose, Tally
 from calib_capture.program import Planner, ProgramSettings
-from calib_capture.recording import MeasuringRun, RunSettings, TakenPose, Tally
 from calib_capture.showing import RefusalNews, RunningQuality, RunProgress
 from calib_model.kinematics import DEFAULT_SIGMA, ParameterTable, probing_jacobian
 from calib_model.measurement import ProbingSet

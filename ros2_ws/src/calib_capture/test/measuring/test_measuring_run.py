@@ -6,9 +6,9 @@ import io
 import numpy as np
 import pytest
 
+from calib_capture.measuring.measuring_run import NO_ANSWER, MeasuringRun, RunError, RunSettings
 from calib_capture.motion import InterpolatedMotion
 from calib_capture.program import PlannedPose, Program, SpherePlan
-from calib_capture.recording.measuring_run import NO_ANSWER, MeasuringRun, RunError, RunSettings
 from calib_capture.recording.program_session import ProgramSession
 from calib_capture.recording.recorder import Recorder
 from calib_model.bags import cdr, read_measurement, read_messages

@@ -11,10 +11,11 @@ from threading import Thread
 
 from rclpy.executors import Executor
 
-from calib_capture.nodes.capture_graph import TICK, CaptureNode
-from calib_capture.nodes.interventions import Carrying, Keys
-from calib_capture.nodes.parameters import CONTINUOUS
-from calib_capture.nodes.run_display import RunDisplay
+from calib_capture.measuring import RunError, SourceError, Tally
+from calib_capture.nodes.capture.graph import TICK, CaptureNode
+from calib_capture.nodes.capture.interventions import Carrying, Keys
+from calib_capture.nodes.capture.parameters import CONTINUOUS
+from calib_capture.nodes.capture.run_display import RunDisplay
 from calib_capture.program import Program
 from calib_capture.recording import (
     Begun,
@@ -22,11 +23,8 @@ from calib_capture.recording import (
     HandGuidedSession,
     HandGuidedTally,
     ProgramSession,
-    RunError,
-    SourceError,
     TakenTally,
     TakingSession,
-    Tally,
     begun,
     remaining,
 )

@@ -19,24 +19,22 @@ from std_msgs.msg import String
 
 from calib_capture.checking import FirstSeconds
 from calib_capture.default_files import refuse_other_arm
+from calib_capture.measuring import MeasuringRun, RunError, SourceError
 from calib_capture.motion import Trajectory
 from calib_capture.nodes.arm_commander import ArmCommander, node_names
-from calib_capture.nodes.interventions import Interventions, TakeServices
-from calib_capture.nodes.parameters import CONTINUOUS, ParameterReader
+from calib_capture.nodes.capture.interventions import Interventions, TakeServices
+from calib_capture.nodes.capture.parameters import CONTINUOUS, ParameterReader
 from calib_capture.program import SIMULATED, Planner, Program
 from calib_capture.recording import (
     HandGuidedRecord,
     HandGuidedRun,
     HandGuidedSession,
-    MeasuringRun,
     Numbered,
     Origin,
     PoseTaker,
     ProgramSession,
     Publishers,
     Recorder,
-    RunError,
-    SourceError,
     TakingSession,
     several,
 )

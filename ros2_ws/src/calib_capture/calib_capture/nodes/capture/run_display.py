@@ -11,7 +11,7 @@ from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from visualization_msgs.msg import MarkerArray
 
-from calib_capture.nodes.capture_graph import CaptureNode
+from calib_capture.nodes.capture.graph import CaptureNode
 from calib_capture.nodes.messages import capture_quality, marker_array
 from calib_capture.program import Program
 from calib_capture.recording import ProgramSession

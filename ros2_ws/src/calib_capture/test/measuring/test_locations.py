@@ -4,9 +4,9 @@
 import numpy as np
 import pytest
 
+from calib_capture.measuring.locations import Locations
+from calib_capture.measuring.measuring_run import NO_ANSWER, NO_FREE_WAY, MeasuringRun, RunSettings
 from calib_capture.program import PlannedPose, Program, SpherePlan
-from calib_capture.recording.locations import Locations
-from calib_capture.recording.measuring_run import NO_ANSWER, NO_FREE_WAY, MeasuringRun, RunSettings
 from calib_model.pairing import Reason, Refusal, SteadyPose
 from calib_model.stamps import SECOND
 

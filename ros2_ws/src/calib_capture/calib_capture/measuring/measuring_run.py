@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from calib_capture.measuring.commanded_motion import LEAD, CommandedMotion, StandingMean
+from calib_capture.measuring.locations import Locations, OneGauge
 from calib_capture.motion import (
     ACCELERATION,
     JERK,
@@ -17,8 +19,6 @@ from calib_capture.motion import (
     motion_limits,
 )
 from calib_capture.program import PlannedPose, Program, motion_seconds, visit
-from calib_capture.recording.commanded_motion import LEAD, CommandedMotion, StandingMean
-from calib_capture.recording.locations import Locations, OneGauge
 from calib_model.arrays import Array
 from calib_model.errors import CalibrationError
 from calib_model.instruments import Arm

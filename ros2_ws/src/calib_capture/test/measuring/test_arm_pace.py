@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calib_capture.recording.arm_pace import ArmPace
+from calib_capture.measuring.arm_pace import ArmPace
 
 
 def seen(pace: ArmPace, begin: tuple[float, float], arm: float, wall: float, count: int) -> None:

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from calib_capture.default_files import configured, explained
+from calib_capture.measuring import RunSettings
 from calib_capture.motion import BodySettings, parse_bodies
 from calib_capture.nodes.arm_commander import ACTION, AUTO, TOPIC
 from calib_capture.program import GO, SIMULATED, WAIT, ProgramSettings
-from calib_capture.recording import RunSettings
 from calib_model.bags import Temperature
 from calib_model.bounds import TEMPERATURE
 from calib_model.descriptions import Standing, parse_placements, read_description

@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calib_capture.measuring.commanded_motion import AHEAD, LEAD, CommandedMotion
 from calib_capture.motion import Leg, StrictController, Trajectory, motion_limits
 from calib_capture.motion.interpolated_motion import InterpolatedMotion
-from calib_capture.recording.commanded_motion import AHEAD, LEAD, CommandedMotion
 from calib_model.instruments import Arm
 from calib_model.stamps import SECOND
 

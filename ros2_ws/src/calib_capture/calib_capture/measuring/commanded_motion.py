@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calib_capture.measuring.arm_pace import ArmPace
 from calib_capture.motion import (
     InterpolatedMotion,
     MotionLimits,
@@ -18,7 +19,6 @@ from calib_capture.motion import (
     gentlest,
     stop,
 )
-from calib_capture.recording.arm_pace import ArmPace
 from calib_model.arrays import Array, frozen
 from calib_model.stamps import SECOND
 

@@ -9,8 +9,8 @@ from collections import deque
 
 from calib_interfaces.srv import Teach
 
-from calib_capture.nodes.capture_graph import CaptureNode
-from calib_capture.nodes.run_display import RunDisplay
+from calib_capture.nodes.capture.graph import CaptureNode
+from calib_capture.nodes.capture.run_display import RunDisplay
 from calib_capture.program import (
     TaughtBook,
     TaughtSphere,

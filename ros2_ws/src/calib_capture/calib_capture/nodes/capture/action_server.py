@@ -17,11 +17,11 @@ from rclpy.executors import Executor
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
-from calib_capture.nodes.capture_graph import TICK, CaptureNode
-from calib_capture.nodes.capture_run import CaptureRun, Stopped, Unfinished, Watcher
-from calib_capture.nodes.parameters import CaptureParameters, ParameterReader
-from calib_capture.nodes.run_display import RunDisplay
-from calib_capture.nodes.teach_service import TeachService
+from calib_capture.nodes.capture.graph import TICK, CaptureNode
+from calib_capture.nodes.capture.parameters import CaptureParameters, ParameterReader
+from calib_capture.nodes.capture.run import CaptureRun, Stopped, Unfinished, Watcher
+from calib_capture.nodes.capture.run_display import RunDisplay
+from calib_capture.nodes.capture.teach_service import TeachService
 from calib_capture.recording import HandGuidedSession, ProgramSession, TakingSession
 from calib_model.errors import CalibrationError
 from calib_model.nodes import Proposal
