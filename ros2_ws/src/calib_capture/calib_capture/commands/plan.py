@@ -12,19 +12,28 @@ import numpy as np
 
 from calib_capture import measuring, motion, program
 from calib_capture.default_files import FILES, configured, refuse_other_arm
-from calib_model import descriptions
-from calib_model.command_line import CommandParser, number_from, run_command, whole_from
+from calib_model import descriptions, files
+from calib_model.command_line import (
+    CommandParser,
+    UsageError,
+    number_from,
+    run_command,
+    whole_from,
+)
+from calib_model.errors import CalibrationError
 from calib_model.instruments import Arm, Gauge, Probe
 from calib_model.progress import Progress
 
 MOST_POSES, MOST_POOL = 100_000, 1000
+SMALLEST = 1e-9  # m, rad
 
 ABOUT = """\
 Plan the measuring program that `capture` with the same settings would run, and tell of it: how
 many poses each sphere gets in which branch of the arm, which postures were refused and why, how
 many ways between poses go around something, how long the capture will take with its other
 parameters as they are by default, and how sure positions are to be expected after a calibration
-with these poses.
+with these poses. --tracker tells as much of points of a target that a laser tracker or a camera
+system sees (import_points), in postures anywhere.
 
 Nothing may touch: arm, probe, the gauge where it stands, and the floor, which is the plane on
 which the arm is mounted. How thick links are is assumed from the arm's reach; before a real arm
@@ -33,7 +42,8 @@ lower and `floor: null` none."""
 
 EXAMPLE = """\
 example:
-  ros2 run calib_capture plan --locations 1 2 --poses 20 --pool 5"""
+  ros2 run calib_capture plan --locations 1 2 --poses 20 --pool 5
+  ros2 run calib_capture plan --arm ARM.yaml --tracker 2e-5 --poses 100 --output postures.csv"""
 
 
 def main() -> int:
@@ -43,7 +53,40 @@ def main() -> int:
 
 def _plan() -> None:
     given = _parser().parse_args()
+    if given.tracker is not None:
+        _plan_for_tracker(given)
+        return
+    for option in ('target', 'turn_noise', 'output'):
+        if getattr(given, option) is not None:
+            raise UsageError(f'--{option.replace("_", "-")}: goes with --tracker')
     for line in program.program_text(planned(given)):
+        print(line)
+
+
+def _plan_for_tracker(given: argparse.Namespace) -> None:
+    for option in ('probe', 'gauge', 'placements', 'locations', 'spheres'):
+        if getattr(given, option):
+            raise UsageError(f'--{option}: goes without --tracker; a tracker takes no {option}')
+    default = program.TrackerSettings(given.tracker)
+    settings = program.TrackerSettings(
+        given.tracker,
+        given.turn_noise or 0.0,
+        default.target if given.target is None else np.array(given.target),
+        given.poses,
+        given.pool,
+        bodies=bodies_of(given),
+        seed=given.seed,
+    )
+    arm = configured('arm', given.arm, descriptions.parse_arm)
+    found = program.tracker_program(arm, settings)
+    if given.output is not None:
+        try:
+            files.write_whole(given.output, program.postures_csv(found))
+        except OSError as error:
+            raise CalibrationError(
+                f'{given.output}: cannot be written: {error.strerror}'
+            ) from error
+    for line in program.tracker_text(found):
         print(line)
 
 
@@ -153,7 +196,7 @@ def _parser() -> CommandParser:
         type=whole_from(1, MOST_POSES),
         default=default.poses_per_sphere,
         metavar='N',
-        help='postures around each sphere (default: %(default)s)',
+        help="postures around each sphere, of a tracker's target in all (default: %(default)s)",
     )
     parser.add_argument(
         '--pool',
@@ -171,6 +214,32 @@ def _parser() -> CommandParser:
         'is one (default: %(default)s)',
     )
     add_probing(parser)
+    parser.add_argument(
+        '--tracker',
+        type=number_from(SMALLEST, 1),
+        metavar='M',
+        help='plan for a target that a tracker sees, no gauge and no probe; M: standard deviation '
+        'of a coordinate, m',
+    )
+    parser.add_argument(
+        '--target',
+        type=number_from(-1, 1),
+        nargs=3,
+        metavar=('X', 'Y', 'Z'),
+        help='m, where it is on the flange (default: 0 0 0.1)',
+    )
+    parser.add_argument(
+        '--turn-noise',
+        type=number_from(SMALLEST, 1),
+        metavar='RAD',
+        help='its orientation is measured, too, with this standard deviation about each axis',
+    )
+    parser.add_argument(
+        '--output',
+        type=Path,
+        metavar='CSV',
+        help='write its postures there, for import_points once x, y, z are added',
+    )
     return parser
 
 

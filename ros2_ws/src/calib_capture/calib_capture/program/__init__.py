@@ -58,5 +58,12 @@ if TYPE_CHECKING:
         probed_sphere as probed_sphere,
         taught_location as taught_location,
     )
+    from calib_capture.program.tracker_points import (
+        TrackerProgram as TrackerProgram,
+        TrackerSettings as TrackerSettings,
+        postures_csv as postures_csv,
+        tracker_program as tracker_program,
+        tracker_text as tracker_text,
+    )
 else:
     __getattr__, __dir__, __all__ = lazily(__name__, __file__)

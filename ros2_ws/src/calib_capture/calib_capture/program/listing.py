@@ -32,13 +32,16 @@ def program_text(program: Program) -> list[str]:
     if math.isfinite(program.seconds):
         lines += ['', f'expected duration of the capture: {in_words(program.seconds)}']
     if program.expected is not None:
-        after = program.expected.after * 1e3
-        lines += [
-            '',
-            'expected standard uncertainty of a position in the workspace after calibration: '
-            f'{after:.4f} mm',
-        ]
+        lines += ['', *expected_lines(program.expected.after)]
     return lines
+
+
+def expected_lines(uncertainty: float) -> list[str]:
+    """What positions are to be expected after a calibration, m."""
+    return [
+        'expected standard uncertainty of a position in the workspace after calibration: '
+        f'{uncertainty * 1e3:.4f} mm'
+    ]
 
 
 def _count(number: int, thing: str) -> str:

@@ -217,7 +217,8 @@ def _improve(
 def exchanged(covariance: Array, rows: Array, chosen: Indices) -> Indices:
     """Drop the pose that tells least, take the one that tells most, until that is the same one.
 
-    `covariance` (D, D) is that of parameters and centre with the `chosen` of `rows` (K, 3, D).
+    `covariance` (D, D) is that of parameters and places with the `chosen` of `rows` (K, R, D), R
+    numbers a pose.
     """
     inside = np.zeros(len(rows), dtype=bool)
     inside[chosen] = True
@@ -236,13 +237,13 @@ def exchanged(covariance: Array, rows: Array, chosen: Indices) -> Indices:
 def _extreme(covariance: Array, rows: Array, among: Indices, sign: float) -> int:
     """The row with the largest det(I + sign B W B'): the least lost, or the most gained."""
     own = rows[among]
-    inner = np.eye(3) + sign * (own @ covariance @ np.swapaxes(own, 1, 2))
+    inner = np.eye(own.shape[1]) + sign * (own @ covariance @ np.swapaxes(own, 1, 2))
     return int(among[int(np.argmax(np.linalg.det(inner)))])
 
 
 def _updated(covariance: Array, own: Array, sign: float) -> Array:
-    """The covariance with the three rows `own` (3, D) more (1) or less (-1)."""
+    """The covariance with the rows `own` (R, D) of a pose more (1) or less (-1)."""
     across = covariance @ own.T
-    inner = np.eye(3) + sign * own @ across
+    inner = np.eye(len(own)) + sign * own @ across
     changed: Array = covariance - sign * across @ np.linalg.solve(inner, across.T)
     return (changed + changed.T) / 2

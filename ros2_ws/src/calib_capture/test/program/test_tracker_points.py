@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Postures for a target that a tracker sees."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calib_capture.commands import plan
+from calib_capture.motion import BodySettings
+from calib_capture.program import ProgramError, TrackerSettings, tracker_program
+from calib_capture.program.tracker_points import TargetInformation
+from calib_model.kinematics import forward_kinematics
+from calib_model.transforms import RigidTransform, rotation_vectors
+
+SETTINGS = TrackerSettings(3e-5, poses=40)
+
+
+def test_chosen_postures_are_within_limits_and_tell_more_than_the_first_ones(kr5):
+    chosen = tracker_program(kr5, SETTINGS)
+    first = tracker_program(kr5, replace(SETTINGS, pool=1))
+    assert len(chosen.joints) == len(first.joints) == 40
+    assert kr5.within_limits(chosen.joints, SETTINGS.limit_margin).all()
+    assert chosen.expected < 0.95 * first.expected
+    assert {'arm touches floor', 'arm touches itself'} <= set(chosen.refused)
+
+
+def test_orientations_and_more_or_better_points_make_positions_surer(kr5):
+    plain = tracker_program(kr5, SETTINGS).expected
+    for surer in (
+        replace(SETTINGS, turn_noise=2e-4),
+        replace(SETTINGS, poses=120),
+        replace(SETTINGS, noise=1e-5),
+    ):
+        assert tracker_program(kr5, surer).expected < plain
+
+
+def test_an_arm_that_is_walled_in_has_no_postures(kr5):
+    low = replace(SETTINGS, bodies=BodySettings(floor=3.0))
+    with pytest.raises(ProgramError, match='hardly any posture is free: arm touches floor'):
+        tracker_program(kr5, low)
+
+
+def test_rows_are_how_a_tracker_sees_the_target_move(kr5):
+    """By the places, whose columns are put together there; those of parameters are tried in
+    calib_model."""
+    settings = replace(SETTINGS, noise=1.0, turn_noise=1.0)
+    information = TargetInformation(kr5, settings)
+    joints = np.random.default_rng(5).uniform(*kr5.ranges.T, (7, 6))
+    flange = forward_kinematics(kr5, joints)
+    rows = information.rows(joints)[:, :, -12:]
+
+    def seen(target, base):
+        """Of the target, moved in the flange, and the base, moved in the tracker's frame."""
+        turned = base.rotation @ flange[:, :3, :3]
+        at = settings.target + target.translation
+        points = base.apply(flange[:, :3, 3] + np.einsum('nij,j->ni', flange[:, :3, :3], at))
+        return points, turned @ target.rotation
+
+    still = RigidTransform()
+    points, turned = seen(still, still)
+    for column in range(12):
+        step = np.zeros(12)
+        step[column] = 1e-6
+        moved = seen(RigidTransform(step[:3], step[3:6]), RigidTransform(step[6:9], step[9:]))
+        turns = rotation_vectors(moved[1] @ np.swapaxes(turned, 1, 2))
+        found = np.concatenate([moved[0] - points, turns], axis=1) / 1e-6
+        np.testing.assert_allclose(found, rows[:, :, column], atol=2e-6)
+
+
+@pytest.mark.parametrize(
+    ('given', 'words'),
+    [
+        (['--tracker', '2e-5', '--locations', '1'], '--locations: goes without --tracker'),
+        (['--target', '0', '0', '0.1'], '--target: goes with --tracker'),
+        (['--tracker', '20'], 'expected a number from 1e-09 to 1'),
+    ],
+)
+def test_what_does_not_go_with_a_tracker_is_one_line(given, words, capsys, monkeypatch):
+    monkeypatch.setattr('sys.argv', ['plan', *given])
+    assert plan.main() == 2
+    said = capsys.readouterr()
+    assert words in said.err
+    assert said.out == ''
