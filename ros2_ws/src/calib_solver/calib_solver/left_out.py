@@ -37,7 +37,8 @@ from calib_solver.problem import (
 
 #: regions of postures that a single location is cut into, none with fewer poses than this
 REGIONS, FEWEST_POSES = 5, 4
-#: the excess over what is stated counts from so many of its own standard deviations on
+#: what is seen counts as more than is stated where chance does it as seldom as it takes a normal
+#: variable beyond so many standard deviations: once in 740 times
 SIGNIFICANT = 3.0
 
 
@@ -148,11 +149,15 @@ def judge_left_out(
 
 
 def missed(left_out: LeftOut, part: str) -> str:
-    """By how much the parts left out were missed, beside what was stated."""
-    position = left_out.position
+    """By how much the parts left out were missed, beside what was stated: that of positions and
+    lengths which was stated the worst."""
+    found, where = left_out.position, f'{part} left out are'
+    lengths = left_out.distance
+    if lengths is not None and lengths.rms * found.stated > found.rms * lengths.stated:
+        found, where = lengths, f'lengths at {part} left out are'
     return (
-        f'{part} left out are missed by {position.rms * 1e3:.4f} mm where '
-        f'{position.stated * 1e3:.4f} mm was stated (rms)'
+        f'{where} missed by {found.rms * 1e3:.4f} mm where '
+        f'{found.stated * 1e3:.4f} mm was stated (rms)'
     )
 
 
@@ -331,7 +336,13 @@ def growth(errors: list[FoldError], explained: float) -> float:
     parameters explain, the scatter of poses is no noise either, but what the model does not say.
     """
     seen, noise, parameters, _, spread = _totals(errors)
-    excess = seen - noise - parameters
-    if parameters <= 0 or excess <= SIGNIFICANT * np.sqrt(2 * spread):
+    if parameters <= 0 or seen <= _by_chance(noise + parameters, spread):
         return 1.0
     return float(np.sqrt((seen - explained * noise) / parameters))
+
+
+def _by_chance(mean: float, spread: float) -> float:
+    """How large a sum of squares of that mean gets by chance: that of chi-square with as many
+    degrees of freedom as give its variance, 2 `spread` (Satterthwaite; Wilson and Hilferty)."""
+    of_root = 2.0 * spread / (9.0 * mean**2)
+    return float(mean * (1.0 - of_root + SIGNIFICANT * np.sqrt(of_root)) ** 3)

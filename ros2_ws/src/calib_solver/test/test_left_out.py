@@ -5,11 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2, norm
 from simulated_calibration import active, kr5, passive, simulate
 from simulated_joint_errors import off_by, true_errors
 
 from calib_solver.fitting import USUAL_PRIOR, Options
 from calib_solver.identification import identify
+from calib_solver.left_out import FoldError, LeftOut, Prediction, growth, left_out_warnings
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
 
@@ -64,6 +66,26 @@ def test_what_the_model_does_not_say_enlarges_what_is_stated_and_is_said():
     assert mended.joint_error_choice.accepted == ('encoder',)
     assert mended.left_out.factor == 1
     assert mended.position_uncertainty.max() < done.position_uncertainty.max() / 3
+
+
+@pytest.mark.parametrize('freedom', [1, 3, 10, 2000])
+def test_chance_enlarges_nothing_more_often_than_a_normal_variable_leaves_three_sigma(freedom):
+    """With few degrees of freedom, too, where a sum of squares is far from normal."""
+    limit = chi2.isf(norm.sf(3.0), freedom)
+
+    def grown(seen):
+        return growth([FoldError(seen, 0.6 * freedom, 0.4 * freedom, 10, float(freedom))], 1.0) > 1
+
+    assert not grown(0.98 * limit)
+    assert grown(1.03 * limit)
+
+
+def test_the_line_names_what_was_missed_the_most():
+    told = LeftOut('location', 7, Prediction(8e-6, 8e-6, 900), Prediction(9e-6, 3e-6, 30), 3.1)
+    [line] = left_out_warnings(told, named=False)
+    assert line.startswith('lengths at locations left out are missed by 0.0090 mm where 0.0030 mm')
+    [line] = left_out_warnings(replace(told, position=Prediction(4e-5, 8e-6, 900)), named=False)
+    assert line.startswith('locations left out are missed by 0.0400 mm where 0.0080 mm')
 
 
 @pytest.mark.parametrize('spheres', [(6,), (1, 10)])

@@ -23,6 +23,7 @@ from calib_model.arrays import Array, frozen
 from calib_model.stamps import SECOND
 
 LEAD = 0.5  # s before a trajectory begins, where the arm shares our clock
+BEAT = SECOND // 20  # ns: it begins at a whole multiple, so the same program is read alike
 AHEAD = 0.2  # s before a stop turns off the way that was commanded with a stamp
 SHARED, LATE = 0.4, 1.0  # s that stamps may be off our clock when the first and any message comes
 TURNS = np.arange(0.0, 0.6, 0.04)  # s after AHEAD: where a stop may turn off
@@ -80,9 +81,12 @@ class CommandedMotion:
         self._motion = InterpolatedMotion(MotionState.resting(trajectory.positions[0]), trajectory)
         self._asked = None
         shared = self._apart < SHARED and self._newest_apart < LATE
-        self._begins = self._arm_time(now, 1.0) + (LEAD if shared else 0.0)
+        self._begins, self._stamp = self._arm_time(now, 1.0), 0
+        if shared:
+            self._stamp = -(-round((self._begins + LEAD) * SECOND) // BEAT) * BEAT
+            self._begins = self._stamp / SECOND
         self._pace.begin()
-        self._stamp, self._apart = round(self._begins * SECOND) if shared else 0, np.inf
+        self._apart = np.inf
         self._track.clear()
         return replace(trajectory, stamp=self._stamp)
 

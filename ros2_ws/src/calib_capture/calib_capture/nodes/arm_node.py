@@ -44,7 +44,7 @@ from calib_model.descriptions import (
 )
 from calib_model.errors import ParameterError
 from calib_model.files import shared_file
-from calib_model.instruments import Arm
+from calib_model.instruments import Arm, PostureNoise
 from calib_model.nodes import NodeCommand, Parameters, lean_executor, qos_of, run_node, stamp_of
 from calib_model.stamps import SECOND
 from calib_model.topics import (
@@ -171,8 +171,9 @@ class ArmNode(Node):
         self._states = self.create_publisher(
             JointState, JOINT_STATES.relative, qos_of(JOINT_STATES)
         )
-        self._encoders = np.random.default_rng(1)
-        self._time = time.time_ns()  # of the last published state, in the arm's own time
+        self._noise = PostureNoise(np.random.default_rng(1))
+        self._stands: Array = np.zeros(0)
+        self._time = self._beginning()  # of the last published state, in the arm's own time
         self._wall = time.monotonic_ns()
         log = self.get_logger()
         self.controller = StrictController(
@@ -190,6 +191,12 @@ class ArmNode(Node):
             f'simulated arm, no hardware: {self._arm.name}, {self._arm.n} joints, {self._speed()}'
         )
         self._goals = serve_goals(self, given.controller, self)
+
+    def _beginning(self) -> int:
+        """Now, ns; of a stepped arm the last whole second, so that whoever reads at whole parts of
+        a second reads at the same moments of its motions each time."""
+        now = time.time_ns()
+        return now if self._scale > 0 else now - now % SECOND
 
     def _beating(self) -> Timer:
         if self._scale > 0:
@@ -329,7 +336,9 @@ class ArmNode(Node):
         """The joints (n,) as the encoders tell them."""
         noise, step = self._given.noise, self._given.step
         if noise:
-            position = position + self._encoders.normal(0.0, noise, len(position))
+            if not np.array_equal(position, self._stands):
+                self._stands, self._scatter = position, self._noise.arriving(position)
+            position = position + self._scatter.normal(0.0, noise, len(position))
         return np.round(position / step) * step if step else position
 
 

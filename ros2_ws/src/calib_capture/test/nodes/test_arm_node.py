@@ -192,6 +192,24 @@ def test_stepped_a_minute_of_motion_is_over_at_once(graph, peer, arm_file):
     assert (np.diff(stamps) > 0).all()
 
 
+def test_stepped_the_encoders_scatter_alike_however_long_the_arm_stood(graph, peer, arm_file):
+    seen = []
+    for idle in (0.0, 0.4):
+        arm = graph.start(MODULE, arm=arm_file, time_scale=0, noise=2e-5, step=0.0)
+        peer.ready()
+        peer.spin(idle)
+        del peer.states[:]
+        peer.send(peer.way(GOAL, GOAL, np.zeros(6), rest=0.06))
+        peer.until(lambda: len(peer.states) > 12)
+        found = [each for each in peer.states if abs(each.position[0] - GOAL[0]) < 1e-3]
+        seen.append([(stamp_of(each.header) % 10_000_000, *each.position) for each in found[:4]])
+        arm.terminate()
+        arm.communicate(timeout=20)
+        del peer.states[:]
+    assert len(set(seen[0])) == 4
+    assert seen[0] == seen[1]
+
+
 def test_stepped_a_long_trajectory_arrives_whole(graph, peer, arm_file):
     """Three hundred poses at once, with a rest at each: more states than a publisher keeps."""
     graph.start(MODULE, arm=arm_file, time_scale=0, **EXACT)

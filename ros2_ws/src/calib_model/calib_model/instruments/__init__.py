@@ -31,6 +31,9 @@ if TYPE_CHECKING:
         refuse_misfit as refuse_misfit,
         seat_displacement as seat_displacement,
     )
+    from calib_model.instruments.posture_noise import (
+        PostureNoise as PostureNoise,
+    )
     from calib_model.instruments.probe import (
         STYLI as STYLI,
         ActiveProbe as ActiveProbe,

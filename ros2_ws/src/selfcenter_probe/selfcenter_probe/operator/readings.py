@@ -88,7 +88,7 @@ class HandGuided:
         """What is read at stamps (N,), ns, of a seating."""
         q_true, bent = self.true_joints(seating, stamps)
         of_joints, of_psds = generator.spawn(2)
-        unseen = self.world.repeatability(of_joints).draw(*q_true.shape)
+        unseen = self.world.repeatability().draw(q_true, of_joints)
         joints = self.world.encoders.read(q_true - bent - unseen)
         contact = self.world.contact(p_probe_of(self.world, seating, stamps))
         return HandReadings(stamps, joints, self.world.read(contact, of_psds))

@@ -17,26 +17,23 @@ class Repeatability:
     exp(-x / travel) of its value and the rest is new, so that it neither jumps nor grows.
     """
 
-    def __init__(
-        self, sigma: float, travel: float, joints: int, generator: np.random.Generator
-    ) -> None:
+    def __init__(self, sigma: float, travel: float) -> None:
         self._sigma = sigma
         self._travel = travel
-        self._generator = generator
-        self._error = self.draw(1, joints)[0]
-        self._last: Array | None = None
+        self._error: Array | None = None
+        self._last: Array = np.zeros(0)
 
-    def draw(self, count: int, joints: int) -> Array:
-        """Errors (count, joints) of postures far from one another, rad."""
-        return self._sigma * self._generator.standard_normal((count, joints))
+    def draw(self, postures: Array, generator: np.random.Generator) -> Array:
+        """Errors, rad, of postures (..., n) far from one another, in their shape."""
+        return self._sigma * generator.standard_normal(postures.shape)
 
-    def after(self, q: Array) -> Array:
+    def after(self, q: Array, generator: np.random.Generator) -> Array:
         """The errors (n,) at posture q (n,), rad, coming straight from the last one asked for."""
-        if self._sigma == 0.0:
-            return self._error
-        if self._last is not None and not np.array_equal(q, self._last):
+        if self._error is None:
+            self._error = self.draw(q, generator)
+        elif self._sigma and not np.array_equal(q, self._last):
             kept = np.exp(-np.abs(q - self._last) / self._travel)
-            fresh = self._generator.standard_normal(len(q))
+            fresh = generator.standard_normal(len(q))
             self._error = kept * self._error + self._sigma * np.sqrt(1 - kept**2) * fresh
         self._last = np.array(q)
         return self._error

@@ -11,10 +11,14 @@ from numpy.typing import NDArray
 
 from calib_model.arrays import Array
 from calib_model.errors import DataError
+from calib_model.instruments import PostureNoise
 from calib_model.measurement import ProbingSet
 from calib_model.stamps import SECOND
 from selfcenter_probe.sensing import Contact, Status
 from selfcenter_probe.simulation.world import World
+
+#: rad (m of a rail) by which encoders scatter at most while the arm stands
+STANDING = 1e-4
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class ProbeSimulation:
     It reads at the multiples of 1 / `rate` (Hz) of the stamps' time, with the joints in between
     interpolated linearly, but not across more than `max_gap` (s): after such a gap, and at the
     very first state, it reads at the state's own stamp. The same seed and the same states give
-    the same readings.
+    the same readings; so do the same stops, however long the arm stood elsewhere.
 
     Raises:
         DataError: a rate or a gap that is not above zero.
@@ -53,9 +57,13 @@ class ProbeSimulation:
         max_gap: float = 0.1,
     ) -> None:
         self.pace(rate, max_gap)
-        of_joints, self._of_psds = generator.spawn(2)
+        of_joints, of_psds = generator.spawn(2)
         self._world = world
-        self._repeatability = world.repeatability(of_joints)
+        self._of_joints, self._of_readings = PostureNoise(of_joints), PostureNoise(of_psds)
+        self._repeatability = world.repeatability()
+        self._unseen: Array = np.zeros(world.arm.n)  # by the encoders, where it stands
+        self._of_psds = generator
+        self._stood: Array | None = None
         self._stamp: int | None = None
         self._joints = np.zeros(world.arm.n)
         self._rest: tuple[Array, Contact] | None = None
@@ -82,19 +90,32 @@ class ProbeSimulation:
         """
         joints = self._world.arm.check_joints(joints)
         at: list[int] = []
-        postures: list[Array] = []
+        read: list[Contact] = []
         for stamp, q in zip(stamps, joints, strict=True):
             if self._stamp is not None and -self._max_gap <= stamp - self._stamp <= 0:
                 continue
-            true_joints = self._world.encoders.true(q[None])[0] + self._repeatability.after(q)
+            self._travel(q)
+            true_joints = self._world.encoders.true(q[None])[0] + self._unseen
             due = self._due(stamp)
-            at.extend(due)
-            postures.append(self._between(due, stamp, true_joints))
+            if len(due):
+                at.extend(due)
+                read.append(self._read(self._between(due, stamp, true_joints)))
             self._stamp, self._joints = stamp, true_joints
         if not at:
             return Readings(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
-        read = self._read(np.concatenate(postures))
-        return Readings(np.array(at, dtype=np.int64), read.displacement, read.status)
+        return Readings(
+            np.array(at, dtype=np.int64),
+            np.concatenate([each.displacement for each in read]),
+            np.concatenate([each.status for each in read]),
+        )
+
+    def _travel(self, q: Array) -> None:
+        """Draw anew for an arm that has moved; one that stands draws on."""
+        if self._stood is not None and np.abs(q - self._stood).max() <= STANDING:
+            return
+        self._stood = q
+        self._unseen = self._repeatability.after(q, self._of_joints.arriving(q))
+        self._of_psds = self._of_readings.arriving(q)
 
     def _due(self, stamp: int) -> Sequence[int]:
         """The stamps of the readings after the last state up to this one."""
@@ -145,7 +166,7 @@ def probe_postures(
         raise DataError(f'expected at least one reading per posture, got {readings}')
     joints = world.arm.check_joints(joints)
     of_joints, of_psds = generator.spawn(2)
-    unseen = world.repeatability(of_joints).draw(*joints.shape)
+    unseen = world.repeatability().draw(joints, of_joints)
     true_joints = world.encoders.true(joints) + unseen
     seen = world.sight(true_joints)
     still = world.contact(seen.p_probe_sphere)

@@ -97,10 +97,10 @@ class World:
             Encoders.drawn(magnitudes.arm.eccentricity, magnitudes.arm.ovality, arm.n, of_encoders),
         )
 
-    def repeatability(self, generator: np.random.Generator) -> Repeatability:
+    def repeatability(self) -> Repeatability:
         """What this arm's encoders do not see."""
         magnitudes = self.magnitudes.arm
-        return Repeatability(magnitudes.repeatability, magnitudes.travel, self.arm.n, generator)
+        return Repeatability(magnitudes.repeatability, magnitudes.travel)
 
     def sight(self, true_joints: Array) -> Sighting:
         """The sphere nearest to the probe's middle at true joint angles (N, n), rad."""

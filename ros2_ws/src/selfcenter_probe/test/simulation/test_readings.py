@@ -97,6 +97,21 @@ def test_the_same_seed_and_states_give_the_same_readings(scene, magnitudes):
     assert not equal(first, simulation(scene, magnitudes, 5).advance(stamps, way))
 
 
+def test_a_stop_reads_the_same_however_long_the_arm_stood_elsewhere(scene, magnitudes):
+    """Its encoders scatter meanwhile, and more readings are drawn."""
+    scatter = np.random.default_rng(2)
+
+    def stop(idle):
+        probe = simulation(scene, magnitudes)
+        for i in range(idle):
+            probe.advance([T0 + i * 20 * MS], scene.joints[1] + scatter.normal(0.0, 2e-6, 6))
+        begin = T0 + SECOND
+        return probe.advance([begin, begin + 60 * MS], np.array([scene.joints[0]] * 2))
+
+    assert equal(stop(3), stop(40))
+    assert len(stop(3)) == 7
+
+
 def test_an_arm_at_rest_is_read_with_the_psds_noise_alone(scene, magnitudes):
     probe = simulation(scene, magnitudes)
     q = scene.joints[0]
