@@ -70,7 +70,9 @@ TICK = 0.02  # s
 MANY_STROKES, ODD_READINGS = 20.0, 10
 AT_REST = 0.1  # s that an arm has stood still before it counts as stopped
 SILENT = 2.0  # s without a message after which one is waited for
-DEEP = 5000  # messages of a hand-guided arm that wait while a disk is slow: it does not stop for us
+#: messages that wait while a disk is slow: readings, and all of a hand-guided arm, which does not
+#: stop for us
+DEEP = 5000
 DESCRIPTIONS = {'arm': ARM_DESCRIPTION, 'probe': PROBE_DESCRIPTION, 'gauge': GAUGE_DESCRIPTION}
 DESCRIBED_BY = {JOINT_STATES: ('arm',), PROBE_DISPLACEMENTS: ('probe', 'gauge')}
 
@@ -216,7 +218,8 @@ class CaptureNode(Node):
             (StylusDisplacements, PROBE_DISPLACEMENTS, self._on_reading),
         ):
             qos = qos_of(topic, best_effort=True)
-            qos.depth = DEEP if self._led else qos.depth
+            if self._led or topic is PROBE_DISPLACEMENTS:
+                qos.depth = DEEP
             self.create_subscription(kind, topic.relative, Numbered(take), qos, raw=True)
 
     def silent(self) -> str:
