@@ -22,6 +22,7 @@ from benchmarks.kernel import against_numpy
 from benchmarks.measuring import Part, table
 from benchmarks.pairing import hand_guided_recording
 from benchmarks.peers import against_pybotics, against_scipy
+from benchmarks.points import whole_points
 from benchmarks.problems import CHAPTER
 from benchmarks.reference import compare
 from benchmarks.scale import SIZES, scale
@@ -60,6 +61,7 @@ PARTS: dict[str, Callable[[Given], Part]] = {
     'identify': lambda given: whole_identification(given.poses, given.rounds),
     'scale': lambda given: scale(tuple(given.sizes), min(given.rounds, FEW_ROUNDS - 2)),
     'command': lambda given: whole_command(given.poses, min(given.rounds, FEW_ROUNDS)),
+    'points': lambda given: whole_points(min(given.rounds, FEW_ROUNDS - 2)),
     'demo': lambda given: whole_demo(),
     'pairing': lambda given: hand_guided_recording(min(given.rounds, FEW_ROUNDS)),
     'capture': lambda given: stepped_capture(),

@@ -16,7 +16,7 @@ def kernel() -> list[Extension]:
         Extension(
             f'{PACKAGE}.problem._kernel',
             [str(source)],
-            depends=[str(source.with_name('_kernel_pass.h'))],
+            depends=[str(source.with_name(f'_kernel_{part}.h')) for part in ('pass', 'points')],
             extra_compile_args=['-O3'],
             optional=True,
         )

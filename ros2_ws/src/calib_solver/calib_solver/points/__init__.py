@@ -27,6 +27,9 @@ if TYPE_CHECKING:
         Places as Places,
         motions as motions,
     )
+    from calib_solver.points.point_sums import (
+        point_slopes as point_slopes,
+    )
     from calib_solver.points.problem import (
         FLANGE as FLANGE,
         PointProblem as PointProblem,
@@ -41,7 +44,6 @@ if TYPE_CHECKING:
     )
     from calib_solver.points.solver import (
         PlacedQuadratic as PlacedQuadratic,
-        point_slopes as point_slopes,
     )
 else:
     __getattr__, __dir__, __all__ = lazily(__name__, __file__)

@@ -24,13 +24,8 @@ from calib_solver.error_models import (
 from calib_solver.fitting import full_inverse
 from calib_solver.points.judging import Groups, squares_left_out, step_by, together
 from calib_solver.points.places import Flange, Places, motions
+from calib_solver.points.point_sums import Slopes, accumulate_points_by, padded, turning_slopes
 from calib_solver.points.problem import FLANGE, PointProblem
-from calib_solver.points.solver import (
-    Slopes,
-    accumulate_points_by,
-    padded,
-    turning_slopes,
-)
 from calib_solver.problem import IntArray, posture_jacobian
 
 

@@ -30,18 +30,13 @@ from calib_solver.points.gross_errors import without_gross_points
 from calib_solver.points.identified import PointIdentification
 from calib_solver.points.judging import Groups, choose_point_errors, judge_points, together
 from calib_solver.points.places import Places, best_places, start_places
+from calib_solver.points.point_sums import POSITION, TURN, PointSums, accumulate_points
 from calib_solver.points.problem import FLANGE, PointProblem, points_table
 from calib_solver.points.quality import (
     assess_points,
     flange_of,
 )
-from calib_solver.points.solver import (
-    POSITION,
-    TURN,
-    PointSolver,
-    PointSums,
-    accumulate_points,
-)
+from calib_solver.points.solver import PointSolver
 from calib_solver.preparation import checked_options
 
 #: the weight of rotations is settled when it changes by less than this part

@@ -36,9 +36,7 @@ from calib_solver.points.problem import FLANGE, PointProblem
 from calib_solver.points.quality import (
     PointQuality,
 )
-from calib_solver.points.solver import (
-    PointSolver,
-)
+from calib_solver.points.solver import PointSolver
 from calib_solver.problem import posture_jacobian
 
 

@@ -14,14 +14,9 @@ from calib_model.arrays import Array
 from calib_solver.error_models import JointErrorChoice, checked_kinds, chosen_by, table_with
 from calib_solver.fitting import AUTO, Fit, Quadratic, covariance_of, linear_step
 from calib_solver.left_out import FoldError, LeftOut, growth, prediction
+from calib_solver.points.point_sums import PointSums, accumulate_points, eliminated, padded
 from calib_solver.points.problem import PointProblem
-from calib_solver.points.solver import (
-    PointSolver,
-    PointSums,
-    accumulate_points,
-    eliminated,
-    padded,
-)
+from calib_solver.points.solver import PointSolver
 from calib_solver.problem import IntArray
 
 #: so many stations or more are left out one by one, or several at a time; else regions of postures

@@ -16,7 +16,7 @@ from calib_model.instruments import Arm, PassiveProbe
 from calib_model.kinematics import Parameter, ParameterTable, identifiable_table
 from calib_model.measured_points import PointMeasurement
 from calib_model.transforms import RigidTransform, quaternion_rotations
-from calib_solver.problem import IntArray
+from calib_solver.problem import IntArray, Turned
 
 #: more stations and targets than this are no measurement of one arm
 MOST_PLACES = 300
@@ -118,6 +118,11 @@ class PointProblem:
     def has_orientation(self) -> bool:
         """Whether any point has one."""
         return bool(self.oriented.any())
+
+    @cached_property
+    def turned(self) -> Turned:
+        """What the joints have turned and moved."""
+        return Turned.of(self.arm, self.joints)
 
     @cached_property
     def part(self) -> IntArray:

@@ -11,11 +11,15 @@ if TYPE_CHECKING:
         place_gauge as place_gauge,
     )
     from calib_solver.problem.kernel import (
+        Points as Points,
+        available as available,
+        raw_point_sums as raw_point_sums,
         threads as threads,
     )
     from calib_solver.problem.problem import (
         IntArray as IntArray,
         Problem as Problem,
+        Turned as Turned,
     )
     from calib_solver.problem.sphere_sums import (
         SphereSums as SphereSums,

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0
- * The pass over all poses behind calib_solver.problem.sphere_sums, compiled. numpy does the same in
- * calib_solver.problem.sphere_sums.accumulate_numpy, and a test holds the two equal.
+ * The passes over all poses behind calib_solver.problem.sphere_sums and over all measured points
+ * behind calib_solver.points.solver, compiled. numpy does the same in accumulate_numpy and
+ * accumulate_points_numpy there, and tests hold them equal.
  */
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
@@ -13,6 +14,7 @@
 #define WIDE 4          /* doubles in a vector */
 #define MOST_JOINTS 16
 #define MOST_TERMS 9    /* functions per joint by which it may be off what is read */
+#define PLACES 12       /* columns of a target and a station */
 #define MOUNT_SIZE 45   /* the probe's 21, the base's 12, the flange's 12 */
 
 typedef double lanes[LANES];
@@ -63,8 +65,14 @@ typedef struct {
     double *weight, *reference, *moment, *spread, *jacobian, *normal;
 } SphereOut;
 
+/* what a tracker measured, predicted less measured, with the weights of rotations */
+typedef struct {
+    const double *position, *turn_weight, *turn;
+} Seen;
+
 #define PASS(name) name##_plain
 #include "_kernel_pass.h"
+#include "_kernel_points.h"
 #undef PASS
 
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
@@ -73,21 +81,24 @@ typedef struct {
 #pragma GCC target("avx2,fma")
 #define PASS(name) name##_avx2
 #include "_kernel_pass.h"
+#include "_kernel_points.h"
 #undef PASS
 #pragma GCC pop_options
 #endif
 
-static void pass_sphere(const Arm *arm, const JointTerms *terms, const Poses *poses,
-                        const Columns *columns, long first, long last, double *rows, SphereOut out)
+static int wide(void)
 {
 #ifdef HAVE_WIDE
-    if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) {
-        sphere_avx2(arm, terms, poses, columns, first, last, rows, out);
-        return;
-    }
+    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+#else
+    return 0;
 #endif
-    sphere_plain(arm, terms, poses, columns, first, last, rows, out);
 }
+
+#ifndef HAVE_WIDE
+#define sphere_avx2 sphere_plain
+#define points_avx2 points_plain
+#endif
 
 static void set_arm(Arm *arm, const double *geometry, const double *mount, const double *direction,
                     const long long *slide)
@@ -119,73 +130,176 @@ static void set_arm(Arm *arm, const double *geometry, const double *mount, const
     }
 }
 
+/* the first of the inputs are those of both passes */
 enum {
     COSINE, SINE, SLIDE, CENTERS, WEIGHT, START, GEOMETRY, DIRECTION, SLIDES, MOUNT, COLUMNS, VALUES,
     TORQUE, INPUTS
 };
+enum { POSITION = INPUTS, TURN_WEIGHT, TURN, POINT_INPUTS };
 enum { OUT_WEIGHT, OUT_REFERENCE, OUT_MOMENT, OUT_SPREAD, OUT_JACOBIAN, OUT_NORMAL, OUTPUTS };
+enum { OUT_POSITION, OUT_TURN, POINT_OUTPUTS };
 
-static int sizes_fit(const Py_buffer *in, const Py_buffer *out, const Arm *arm,
-                     const JointTerms *terms, const Poses *poses, const Columns *columns,
-                     long spheres)
+typedef struct {
+    Arm arm;
+    Poses poses;
+    JointTerms terms;
+    Columns columns;
+    long groups; /* spheres, or points of one target and station */
+    const long long *start;
+} Task;
+
+static int sizes_fit(const Py_buffer *in, const Task *task)
 {
-    const Py_ssize_t word = 8, n = arm->n, f = columns->count, p = columns->padded;
-    const Py_ssize_t torques = terms->count % 2 ? n * poses->count : 0;
-    const Py_ssize_t wanted[OUTPUTS] = {spheres, 3 * spheres, 3 * spheres, 3 * spheres,
-                                        3 * f * spheres, p * p * spheres};
-    int fit = in[COSINE].len == n * poses->count * word && in[SINE].len == in[COSINE].len
-              && in[CENTERS].len == 3 * poses->count * word && in[GEOMETRY].len == 5 * n * word
+    const Py_ssize_t word = 8, n = task->arm.n, count = task->poses.count;
+    const Py_ssize_t torques = task->terms.count % 2 ? n * count : 0;
+    int fit = in[COSINE].len == n * count * word && in[SINE].len == in[COSINE].len
+              && in[CENTERS].len == 3 * count * word && in[GEOMETRY].len == 5 * n * word
               && in[MOUNT].len == MOUNT_SIZE * word && in[DIRECTION].len == n * word
-              && in[SLIDES].len == n * word && in[SLIDE].len == poses->slides * poses->count * word
-              && in[VALUES].len == terms->count * n * word && terms->count <= MOST_TERMS
+              && in[SLIDES].len == n * word && in[SLIDE].len == task->poses.slides * count * word
+              && in[VALUES].len == task->terms.count * n * word && task->terms.count <= MOST_TERMS
               && in[TORQUE].len == torques * word;
-    for (int i = 0; i < OUTPUTS; ++i)
-        fit = fit && out[i].len == wanted[i] * word;
-    const long long *start = in[START].buf;
-    for (long s = 0; fit && s < spheres; ++s)
-        fit = start[s] >= 0 && start[s] <= start[s + 1] && start[s + 1] <= poses->count;
-    for (long c = 0; fit && c < f; ++c)
-        fit = columns->which[c] >= 0 && columns->which[c] < 5 * n + 6 + terms->count * n;
+    for (long s = 0; fit && s < task->groups; ++s)
+        fit = task->start[s] >= 0 && task->start[s] <= task->start[s + 1]
+              && task->start[s + 1] <= count;
+    for (long c = 0; fit && c < task->columns.count; ++c)
+        fit = task->columns.which[c] >= 0
+              && task->columns.which[c] < 5 * n + 6 + task->terms.count * n;
     const long long *slide = in[SLIDES].buf;
     for (long i = 0; fit && i < n; ++i)
-        fit = slide[i] >= -1 && slide[i] < poses->slides;
+        fit = slide[i] >= -1 && slide[i] < task->poses.slides;
     return fit;
+}
+
+/* what both passes take; `behind` columns stand behind those of the parameters */
+static int set_task(Task *task, const Py_buffer *in, long behind, long first, long last)
+{
+    const long count = (long)(in[WEIGHT].len / 8), n = (long)(in[GEOMETRY].len / (5 * 8));
+    task->arm.n = (int)n;
+    task->groups = (long)(in[START].len / 8) - 1;
+    task->start = in[START].buf;
+    task->poses = (Poses){count, count ? (long)(in[SLIDE].len / 8 / count) : 0, in[COSINE].buf,
+                          in[SINE].buf, in[SLIDE].buf, in[CENTERS].buf, in[WEIGHT].buf};
+    task->terms = (JointTerms){n ? (long)(in[VALUES].len / 8 / n) : 0, in[VALUES].buf,
+                               in[TORQUE].buf};
+    task->columns = (Columns){(long)(in[COLUMNS].len / 8), 0, in[COLUMNS].buf};
+    task->columns.padded = (task->columns.count + behind + TILE - 1) / TILE * TILE;
+    if (n < 1 || n > MOST_JOINTS || first < 0 || last > task->groups || !sizes_fit(in, task))
+        return 0;
+    set_arm(&task->arm, in[GEOMETRY].buf, in[MOUNT].buf, in[DIRECTION].buf, in[SLIDES].buf);
+    return 1;
+}
+
+/* a block's rows, zero at first, and its frames behind them */
+static double *new_rows(const Task *task)
+{
+    const size_t bytes = (size_t)task->columns.padded * 3 * LANES * sizeof(double);
+    double *rows = aligned_alloc(64, (bytes + sizeof(Frames) + 63) / 64 * 64);
+    if (rows != NULL)
+        memset(rows, 0, bytes);
+    return rows;
 }
 
 static int run(const Py_buffer *in, const Py_buffer *out, long first, long last)
 {
-    Arm arm;
-    arm.n = (int)(in[GEOMETRY].len / (5 * 8));
-    const long spheres = (long)(in[START].len / 8) - 1;
-    const long count = (long)(in[WEIGHT].len / 8);
-    const Poses poses = {count, count ? (long)(in[SLIDE].len / 8 / count) : 0, in[COSINE].buf,
-                         in[SINE].buf, in[SLIDE].buf, in[CENTERS].buf, in[WEIGHT].buf};
-    const JointTerms terms = {arm.n ? (long)(in[VALUES].len / 8 / arm.n) : 0, in[VALUES].buf,
-                              in[TORQUE].buf};
-    Columns columns = {(long)(in[COLUMNS].len / 8), 0, in[COLUMNS].buf};
-    columns.padded = (columns.count + 1 + TILE - 1) / TILE * TILE;
-    if (arm.n < 1 || arm.n > MOST_JOINTS || first < 0 || last > spheres
-        || !sizes_fit(in, out, &arm, &terms, &poses, &columns, spheres))
+    Task task;
+    if (!set_task(&task, in, 1, first, last))
         return -1;
-    set_arm(&arm, in[GEOMETRY].buf, in[MOUNT].buf, in[DIRECTION].buf, in[SLIDES].buf);
-    const size_t row_bytes = (size_t)columns.padded * 3 * LANES * sizeof(double);
-    double *rows = aligned_alloc(64, (row_bytes + sizeof(Frames) + 63) / 64 * 64);
+    const Py_ssize_t f = task.columns.count, p = task.columns.padded, s = task.groups;
+    const Py_ssize_t wanted[OUTPUTS] = {s, 3 * s, 3 * s, 3 * s, 3 * f * s, p * p * s};
+    for (int i = 0; i < OUTPUTS; ++i)
+        if (out[i].len != wanted[i] * 8)
+            return -1;
+    double *rows = new_rows(&task);
     if (rows == NULL)
         return -2;
-    memset(rows, 0, row_bytes);
-    const long long *start = in[START].buf;
-    const long f = columns.count, p = columns.padded;
     Py_BEGIN_ALLOW_THREADS
-    for (long s = first; s < last; ++s) {
+    for (long g = first; g < last; ++g) {
         const SphereOut own = {
-            (double *)out[OUT_WEIGHT].buf + s,       (double *)out[OUT_REFERENCE].buf + 3 * s,
-            (double *)out[OUT_MOMENT].buf + 3 * s,   (double *)out[OUT_SPREAD].buf + 3 * s,
-            (double *)out[OUT_JACOBIAN].buf + 3 * f * s, (double *)out[OUT_NORMAL].buf + p * p * s};
-        pass_sphere(&arm, &terms, &poses, &columns, start[s], start[s + 1], rows, own);
+            (double *)out[OUT_WEIGHT].buf + g,       (double *)out[OUT_REFERENCE].buf + 3 * g,
+            (double *)out[OUT_MOMENT].buf + 3 * g,   (double *)out[OUT_SPREAD].buf + 3 * g,
+            (double *)out[OUT_JACOBIAN].buf + 3 * f * g, (double *)out[OUT_NORMAL].buf + p * p * g};
+        (wide() ? sphere_avx2 : sphere_plain)(&task.arm, &task.terms, &task.poses, &task.columns,
+                                              task.start[g], task.start[g + 1], rows, own);
     }
     Py_END_ALLOW_THREADS
     free(rows);
     return 0;
+}
+
+static int run_points(const Py_buffer *in, const Py_buffer *out, long first, long last)
+{
+    Task task;
+    if (!set_task(&task, in, PLACES + 1, first, last))
+        return -1;
+    const Py_ssize_t count = task.poses.count, p = task.columns.padded, s = task.groups;
+    const int turns = in[TURN_WEIGHT].len > 0;
+    if (in[POSITION].len != 3 * count * 8 || in[TURN_WEIGHT].len != turns * count * 8
+        || in[TURN].len != 3 * turns * count * 8 || out[OUT_POSITION].len != p * p * s * 8
+        || out[OUT_TURN].len != turns * p * p * s * 8)
+        return -1;
+    const Seen seen = {in[POSITION].buf, in[TURN_WEIGHT].buf, in[TURN].buf};
+    double *rows = new_rows(&task);
+    if (rows == NULL)
+        return -2;
+    Py_BEGIN_ALLOW_THREADS
+    for (long g = first; g < last; ++g) {
+        double *turn = turns ? (double *)out[OUT_TURN].buf + p * p * g : NULL;
+        (wide() ? points_avx2 : points_plain)(&task.arm, &task.terms, &task.poses, &task.columns,
+                                              &seen, task.start[g], task.start[g + 1], rows,
+                                              (double *)out[OUT_POSITION].buf + p * p * g, turn);
+    }
+    Py_END_ALLOW_THREADS
+    free(rows);
+    return 0;
+}
+
+enum { MOST_INPUTS = POINT_INPUTS, MOST_OUTPUTS = OUTPUTS };
+
+static int hold(PyObject *arrays, int count, int flags, Py_buffer *views)
+{
+    for (int i = 0; i < count; ++i)
+        if (PyObject_GetBuffer(PyTuple_GET_ITEM(arrays, i), &views[i], flags)) {
+            while (i > 0)
+                PyBuffer_Release(&views[--i]);
+            return 0;
+        }
+    return 1;
+}
+
+static void release(Py_buffer *views, int count)
+{
+    while (count > 0)
+        PyBuffer_Release(&views[--count]);
+}
+
+static PyObject *passed(PyObject *args, int count_in, int count_out,
+                        int (*pass)(const Py_buffer *, const Py_buffer *, long, long))
+{
+    PyObject *inputs, *outputs;
+    long first, last;
+    if (!PyArg_ParseTuple(args, "O!O!ll", &PyTuple_Type, &inputs, &PyTuple_Type, &outputs, &first,
+                          &last))
+        return NULL;
+    if (PyTuple_GET_SIZE(inputs) != count_in || PyTuple_GET_SIZE(outputs) != count_out)
+        return PyErr_Format(PyExc_ValueError, "expected %d inputs and %d outputs", count_in,
+                            count_out);
+    Py_buffer in[MOST_INPUTS], out[MOST_OUTPUTS];
+    if (!hold(inputs, count_in, PyBUF_C_CONTIGUOUS, in))
+        return NULL;
+    if (!hold(outputs, count_out, PyBUF_C_CONTIGUOUS | PyBUF_WRITABLE, out)) {
+        release(in, count_in);
+        return NULL;
+    }
+    const int outcome = pass(in, out, first, last);
+    release(in, count_in);
+    release(out, count_out);
+    if (outcome == -1)
+        PyErr_SetString(PyExc_ValueError, "the arrays' sizes do not go together");
+    else if (outcome == -2)
+        PyErr_NoMemory();
+    if (outcome)
+        return NULL;
+    Py_RETURN_NONE;
 }
 
 PyDoc_STRVAR(accumulate_doc,
@@ -201,46 +315,27 @@ PyDoc_STRVAR(accumulate_doc,
 
 static PyObject *accumulate(PyObject *module, PyObject *args)
 {
-    PyObject *inputs, *outputs;
-    long first, last;
-    if (!PyArg_ParseTuple(args, "O!O!ll", &PyTuple_Type, &inputs, &PyTuple_Type, &outputs, &first,
-                          &last))
-        return NULL;
-    if (PyTuple_GET_SIZE(inputs) != INPUTS || PyTuple_GET_SIZE(outputs) != OUTPUTS) {
-        PyErr_SetString(PyExc_ValueError, "expected 13 inputs and 6 outputs");
-        return NULL;
-    }
-    Py_buffer in[INPUTS], out[OUTPUTS];
-    int held_in = 0, held_out = 0, failed = 0;
-    while (held_in < INPUTS && !failed) {
-        failed = PyObject_GetBuffer(PyTuple_GET_ITEM(inputs, held_in), &in[held_in],
-                                    PyBUF_C_CONTIGUOUS);
-        held_in += !failed;
-    }
-    while (held_out < OUTPUTS && !failed) {
-        failed = PyObject_GetBuffer(PyTuple_GET_ITEM(outputs, held_out), &out[held_out],
-                                    PyBUF_C_CONTIGUOUS | PyBUF_WRITABLE);
-        held_out += !failed;
-    }
-    if (!failed) {
-        const int outcome = run(in, out, first, last);
-        if (outcome == -1)
-            PyErr_SetString(PyExc_ValueError, "the arrays' sizes do not go together");
-        else if (outcome == -2)
-            PyErr_NoMemory();
-        failed = outcome;
-    }
-    while (held_in > 0)
-        PyBuffer_Release(&in[--held_in]);
-    while (held_out > 0)
-        PyBuffer_Release(&out[--held_out]);
-    if (failed)
-        return NULL;
-    Py_RETURN_NONE;
+    return passed(args, INPUTS, OUTPUTS, run);
 }
 
-static PyMethodDef methods[] = {{"accumulate", accumulate, METH_VARARGS, accumulate_doc},
-                                {NULL, NULL, 0, NULL}};
+PyDoc_STRVAR(accumulate_points_doc,
+"accumulate_points(inputs, outputs, first, last)\n--\n\n"
+"The same of measured points, each group of one target and one station.\n\n"
+"inputs: as of `accumulate`, `centers` the targets on the flange; then residuals position (N, 3),\n"
+"turn_weight (N,) and turn (N, 3), (0,) where there are no rotations.\n"
+"outputs: of positions and of rotations normal (S, P, P), the latter (0,) without, with\n"
+"P = F + 13 rounded up to a multiple of 4, upper tiles only: columns F to F + 11 are the target's\n"
+"and the station's, F + 12 the residuals.");
+
+static PyObject *accumulate_points(PyObject *module, PyObject *args)
+{
+    return passed(args, POINT_INPUTS, POINT_OUTPUTS, run_points);
+}
+
+static PyMethodDef methods[] = {
+    {"accumulate", accumulate, METH_VARARGS, accumulate_doc},
+    {"accumulate_points", accumulate_points, METH_VARARGS, accumulate_points_doc},
+    {NULL, NULL, 0, NULL}};
 
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_kernel", NULL, -1, methods,
                                     NULL, NULL, NULL, NULL};

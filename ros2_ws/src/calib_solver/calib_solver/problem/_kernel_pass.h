@@ -196,6 +196,43 @@ static void PASS(square)(const double *rows, long width, double *normal)
         }
 }
 
+/* a block's postures and its points in the base frame: `scale` is the root of each one's weight,
+ * `turned` where it is from the mount, along the flange's axes */
+static void PASS(place)(const Arm *arm, const JointTerms *terms, const Poses *poses, long begin,
+                        long size, Frames *f, double *scale, lanes *turned, lanes *point)
+{
+    lanes center[3];
+    for (int l = 0; l < LANES; ++l) {
+        /* the last block is filled up with its first pose, at no weight */
+        const long row = begin + (l < size ? l : 0);
+        scale[l] = l < size ? sqrt(poses->weight[row]) : 0.0;
+        for (int k = 0; k < 3; ++k)
+            center[k][l] = poses->centers[3 * row + k];
+        for (int i = 0; i < arm->n; ++i) {
+            const long slide = arm->joint[i].slide;
+            f->cosine[i][l] = poses->cosine[i * poses->count + row];
+            f->sine[i][l] = poses->sine[i * poses->count + row];
+            f->slide[i][l] = slide < 0 ? 0.0 : poses->slide[slide * poses->count + row];
+            if (terms->count % 2)
+                f->basis[terms->count - 1][i][l] = terms->torque[i * poses->count + row];
+        }
+    }
+    if (terms->count)
+        PASS(joint_errors)(arm, terms, f);
+    PASS(frames)(arm, f);
+    for (int k = 0; k < 3; ++k)
+        for (int l = 0; l < LANES; ++l)
+            turned[k][l] = arm->mount[k][0] * center[0][l] + arm->mount[k][1] * center[1][l]
+                           + arm->mount[k][2] * center[2][l];
+    for (int k = 0; k < 3; ++k)
+        for (int l = 0; l < LANES; ++l) {
+            const double x = turned[0][l] + arm->place[0], y = turned[1][l] + arm->place[1];
+            const double z = turned[2][l] + arm->place[2];
+            point[k][l] = f->origin[k][l] + f->axis[0][k][l] * x + f->axis[1][k][l] * y
+                          + f->axis[2][k][l] * z;
+        }
+}
+
 static void PASS(sphere)(const Arm *arm, const JointTerms *terms, const Poses *poses,
                          const Columns *columns, long first, long last, double *rows,
                          SphereOut out)
@@ -204,36 +241,8 @@ static void PASS(sphere)(const Arm *arm, const JointTerms *terms, const Poses *p
     Frames *f = (Frames *)(rows + width * 3 * LANES);
     for (long begin = first; begin < last; begin += LANES) {
         const long size = last - begin < LANES ? last - begin : LANES;
-        lanes scale, center[3], turned[3], point[3];
-        for (int l = 0; l < LANES; ++l) {
-            /* the last block is filled up with its first pose, at no weight */
-            const long row = begin + (l < size ? l : 0);
-            scale[l] = l < size ? sqrt(poses->weight[row]) : 0.0;
-            for (int k = 0; k < 3; ++k)
-                center[k][l] = poses->centers[3 * row + k];
-            for (int i = 0; i < arm->n; ++i) {
-                const long slide = arm->joint[i].slide;
-                f->cosine[i][l] = poses->cosine[i * poses->count + row];
-                f->sine[i][l] = poses->sine[i * poses->count + row];
-                f->slide[i][l] = slide < 0 ? 0.0 : poses->slide[slide * poses->count + row];
-                if (terms->count % 2)
-                    f->basis[terms->count - 1][i][l] = terms->torque[i * poses->count + row];
-            }
-        }
-        if (terms->count)
-            PASS(joint_errors)(arm, terms, f);
-        PASS(frames)(arm, f);
-        for (int k = 0; k < 3; ++k)
-            for (int l = 0; l < LANES; ++l)
-                turned[k][l] = arm->mount[k][0] * center[0][l] + arm->mount[k][1] * center[1][l]
-                               + arm->mount[k][2] * center[2][l];
-        for (int k = 0; k < 3; ++k)
-            for (int l = 0; l < LANES; ++l) {
-                const double x = turned[0][l] + arm->place[0], y = turned[1][l] + arm->place[1];
-                const double z = turned[2][l] + arm->place[2];
-                point[k][l] = f->origin[k][l] + f->axis[0][k][l] * x + f->axis[1][k][l] * y
-                              + f->axis[2][k][l] * z;
-            }
+        lanes scale, turned[3], point[3];
+        PASS(place)(arm, terms, poses, begin, size, f, scale, turned, point);
         if (begin == first)
             for (int k = 0; k < 3; ++k)
                 out.reference[k] = point[k][0];

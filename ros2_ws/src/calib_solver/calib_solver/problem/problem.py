@@ -11,9 +11,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib_model.arrays import Array, frozen
+from calib_model.instruments import Arm
 from calib_model.measurement import Measurement, group_by_sphere
 
 IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Turned:
+    """Postures as the passes take them: `cosine` and `sine` (n, N) of what each joint has turned,
+    `slide` (P, N), what each of the P prismatic ones has moved (m)."""
+
+    cosine: Array
+    sine: Array
+    slide: Array
+
+    @classmethod
+    def of(cls, arm: Arm, joints: Array) -> Turned:
+        """Of postures (N, n)."""
+        moved = arm.direction * arm.uncoupled(joints)
+        turned = np.where(arm.prismatic, 0.0, moved)
+        return cls(
+            frozen(np.cos(turned).T), frozen(np.sin(turned).T), frozen(moved[:, arm.prismatic].T)
+        )
+
+    def take(self, rows: IntArray) -> Turned:
+        """Of some of the postures."""
+        parts = (self.cosine, self.sine, self.slide)
+        return Turned(*(np.ascontiguousarray(part[:, rows]) for part in parts))
 
 
 @dataclass(frozen=True)
@@ -62,9 +87,7 @@ class Problem:
         order = np.argsort(row, kind='stable')
         start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=len(keys)))])
         joints = poses.joints[order]
-        arm = measured.arm
-        moved = arm.direction * arm.uncoupled(joints)
-        turned = np.where(arm.prismatic, 0.0, moved)
+        turned = Turned.of(measured.arm, joints)
         placed = _placements(keys, placement or {})
         pairs = _pairs(placed)
         distances = [measured.gauge.distance(keys[i, 1], keys[j, 1]) for i, j in pairs]
@@ -74,9 +97,9 @@ class Problem:
             start.astype(np.int64),
             order,
             frozen(joints),
-            frozen(np.cos(turned).T),
-            frozen(np.sin(turned).T),
-            frozen(moved[:, arm.prismatic].T),
+            turned.cosine,
+            turned.sine,
+            turned.slide,
             frozen(measured.centers()[order]),
             frozen(np.ones(len(poses))),
             placed,

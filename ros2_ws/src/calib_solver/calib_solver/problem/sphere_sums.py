@@ -43,7 +43,7 @@ class SphereSums:
 
 def accumulate(problem: Problem, table: ParameterTable, full: Array) -> SphereSums:
     """The sums at the parameters `full` (all columns of `table`), by its free columns."""
-    if compiled.available(problem, table):
+    if compiled.available(len(problem.cosine), table):
         return accumulate_compiled(problem, table, full)
     return accumulate_numpy(problem, table, full)
 
