@@ -163,6 +163,7 @@ def test_every_part_runs_and_is_recorded(tmp_path: Path) -> None:
         'scale',
         'command',
         'identify',
+        'points',
     }
     sizes = [row['figures']['poses'] for row in parts['scale']['rows']]
     assert sizes == [112, 280, 112, 280, 280]
