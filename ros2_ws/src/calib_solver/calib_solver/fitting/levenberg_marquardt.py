@@ -84,7 +84,7 @@ def linear_step(normal: Array, gradient: Array, prior: Array, about: Array) -> A
     if (prior > LINEAR_TOLERANCE * size).all():
         direct = -np.linalg.solve(normal, gradient)
         return np.asarray(direct, dtype=np.float64)
-    scale = 1 / np.sqrt(size)
+    scale = np.where(np.diag(normal) > 0, 1 / np.sqrt(size), 0.0)
     values, vectors = np.linalg.eigh(scale[:, None] * normal * scale)
     kept = values > LINEAR_TOLERANCE * values.max(initial=1e-300)
     along = (vectors[:, kept].T @ (scale * gradient)) / values[kept]

@@ -83,7 +83,9 @@ def pose_variance(sums: SphereSums, slope: Array | None = None) -> float:
 def full_inverse(hessian: Array) -> tuple[Array, int]:
     """The inverse in the directions that stand out from rounding, zero in the others, and how
     many stand out."""
-    scale = 1 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    size = np.diag(hessian)
+    # a column that nothing tells has no part in any direction, not even that of rounding
+    scale = np.where(size > 0, 1 / np.sqrt(np.maximum(size, 1e-300)), 0.0)
     values, vectors = np.linalg.eigh(scale[:, None] * hessian * scale)
     kept = values > ROUNDING * values.max(initial=1e-300)
     inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T

@@ -70,6 +70,25 @@ def test_new_points_are_as_good_as_stated(made: Path, kind: str):
     assert 0.85 < np.sqrt(np.mean(np.square(ratio))) < 1.15
 
 
+def test_several_targets_whose_rotation_nobody_measured_are_as_good_as_stated(tmp_path: Path):
+    """Columns that no point tells must have no part in what is stated."""
+    within, ratio = 0, []
+    for seed in range(4):
+        folder, known = tmp_path / str(seed), 30 + seed
+        measured = tracked(seed, 80, 3, 2, noise=NOISE, world=known).measured
+        first = measured.points.take(np.arange(60))
+        write_points(folder / 'bag', replace(measured, points=first))
+        rest = replace(measured, points=measured.points.take(np.arange(60, 80)))
+        write_points(folder / 'new', moved(rest))
+        options = Options('position', quick=True)
+        calibrate_points(Sources((str(folder / 'bag'),)), options, output=str(folder / 'out'))
+        found = verify(Sources((str(folder / 'new'),)), str(folder / 'out'))
+        within += found.within
+        ratio.append(found.position.rms / found.position.stated)
+    assert within >= 3
+    assert 0.85 < np.sqrt(np.mean(np.square(ratio))) < 1.2
+
+
 def test_an_axis_that_slipped_is_beyond_what_was_stated_and_on_the_page(made: Path):
     found = verify(Sources((str(made / 'slipped'),)), str(made / 'out'))
     assert found.verdict == 'beyond'
