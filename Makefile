@@ -89,7 +89,8 @@ unit:
 soak: lint
 	@rm -f output/soak.json
 	@source ./env.bash && export SOAK=1 FAULT_ROUNDS=30 CAPTURE_KILLS=20 CAPTURE_KILLS_SEED=1 && \
-	python -m pytest tests/test_load.py tests/test_faults_*.py \
+	python -m pytest tests/test_load.py tests/test_large_recordings.py tests/test_ending.py \
+	  tests/test_faults_*.py \
 	  ros2_ws/src/calib_capture/test/recording/test_resume.py
 
 bench: setup

@@ -57,6 +57,35 @@ def page(seen: dict[str, Any]) -> str:
                 f'{seen[f"{kind}_answered"]} answered, all alike | 0 | '
                 f'{memory(seen[f"{kind}_memory"])} |'
             )
+    recordings = {key[10:]: seen[key] for key in seen if key.startswith('recording ')}
+    if recordings:
+        lines += [
+            '',
+            '## A raw recording',
+            '',
+            'An arm led around for hours, readings at 500 Hz, joint states at 250 Hz.',
+            '',
+            '| command | GB | s of the CPU | memory at most |',
+            '| --- | --- | --- | --- |',
+        ]
+        lines += [
+            f'| {name} | {size / 1e9:.2f} | {seconds:.0f} | {held:.0f} MiB |'
+            for name, (size, seconds, held) in recordings.items()
+        ]
+    ended = {key[6:]: seen[key] for key in seen if key.startswith('ended ')}
+    if ended:
+        lines += [
+            '',
+            '## Signals',
+            '',
+            'SIGINT and SIGTERM at random moments: how often it ended with each exit code.',
+            '',
+            '| command | ended |',
+            '| --- | --- |',
+        ]
+        for name, counts in ended.items():
+            codes = ', '.join(f'{code}: {count}' for code, count in sorted(counts.items()))
+            lines.append(f'| {name} | {codes} |')
     fuzz = {key: counts for key, counts in seen.items() if key.startswith('damaged ')}
     if fuzz:
         lines += [

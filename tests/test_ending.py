@@ -5,80 +5,182 @@ from __future__ import annotations
 
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
+import numpy as np
 import pytest
+from soak import SOAK, note
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(180)]
+from calib_model.bags import read_measurement
+from calib_model.kinematics import points
+from calib_model.urdf import arm_urdf
 
 ROOT = Path(__file__).resolve().parents[1]
 DEMO = ROOT / 'bags' / 'demo'
 PATIENCE = 60.0  # s, on a busy machine
-STANDIN = ROOT / 'tools' / 'ros2' / 'ros2'
-#: what is started, and its exit code when it is ended
+STANDIN = str(ROOT / 'tools' / 'ros2' / 'ros2')
+CONFIG = ROOT / 'ros2_ws' / 'src' / 'calib_bringup' / 'config'
+#: of each kind for each command, and s within which it has ended on an idle machine
+SIGNALS, SOON, SEED = (100 if SOAK else 1), 5.0, 16
+pytestmark = [pytest.mark.system, pytest.mark.timeout(180 * SIGNALS)]
+SOONER, LATEST = 1.2, 4.0  # s after the start: most are done by the first, nearly all by the last
+OUT = 'out'  # what a command may write, in the folder that it is started in
+ALL_GIVEN = tuple(
+    word
+    for name in (
+        'arm arms/kuka_kr5_sixx_r650',
+        'probe probes/active_trihedron',
+        'gauge gauges/ball_bar_kr5',
+    )
+    for word in (f'--{name.split()[0]}', CONFIG / f'{name.split()[1]}.yaml')
+)
+#: what a command is started with, and its exit code when its work is done
+COMMANDS = {
+    'identify': ('calib_solver', DEMO / 'identification', '--monte-carlo', 5000, '--output', OUT),
+    'identify --raw': ('calib_solver', DEMO / 'identification', '--raw', '--output', OUT),
+    'evaluate': ('calib_solver', DEMO / 'held_out'),
+    'verify': ('calib_solver', DEMO / 'held_out', '--result', 'result', '--output', OUT),
+    'compare': ('calib_solver', 'result', 'result', '--output', OUT),
+    'compensate': ('calib_solver', 'result', 'joints.csv', OUT, '--tool', 'flange'),
+    'report': ('calib_solver', 'copy'),
+    'kuka_figures': ('calib_solver', 'result', '--assume-urdf'),
+    'recover': ('calib_capture', DEMO / 'identification', OUT),
+    'pair': ('calib_capture', DEMO / 'held_out', OUT),
+    'import_csv': ('calib_capture', 'poses.csv', OUT, *ALL_GIVEN),
+    'import_points': ('calib_capture', 'points.csv', OUT, *ALL_GIVEN[:2]),
+    'place': ('calib_capture', *ALL_GIVEN, OUT, '--count', 2),
+    'plan': ('calib_capture', '--locations', 1, '--spheres', 1, '--poses', 4),
+    'replay': ('calib_capture', DEMO / 'held_out', '--rate', 200, '--wait', 0),
+    'arm_from_urdf': ('calib_model', 'arm.urdf', OUT),
+    'hand_guided': ('selfcenter_probe', OUT, '--locations', 1, '--spheres', 1, '--poses', 9),
+    'check': ('calib_capture',),
+    'capture': ('calib_capture', '--ros-args', '-p', f'output:={OUT}'),
+    'demo': ('calib_bringup', '--poses', 2, '--output', OUT),
+}
+#: nodes end with 0 when they are told to
+NODES = {
+    'solver': ('calib_solver',),
+    'arm': ('calib_capture',),
+    'probe': ('selfcenter_probe',),
+    'operator': ('selfcenter_probe',),
+}
 STARTED = {
-    'identify': (
-        ('calib_solver', 'identify', DEMO / 'identification', '--monte-carlo', '5000'),
-        130,
-    ),
-    'recover': (('calib_capture', 'recover', DEMO / 'identification', 'out'), 130),
-    'solver': (('calib_solver', 'solver'), 0),
-    'arm': (('calib_capture', 'arm'), 0),
+    name: (STANDIN, 'run', given[0], *name.split(), *map(str, given[1:]))
+    for name, given in {**COMMANDS, **NODES}.items()
 }
 
 
-def ended(words: list[str], folder: Path, number: int, after: float) -> tuple[int, str]:
-    """The exit code of what is told to end so many seconds after its start, and what it said."""
+@dataclass(frozen=True)
+class Ended:
+    """How a process ended that was told to after so many seconds."""
+
+    code: int
+    said: str
+    after: float
+
+
+def ended(words: Sequence[str], folder: Path, number: int, after: float) -> Ended:
     process = subprocess.Popen(
         words,
         cwd=folder,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         start_new_session=True,
-        env={**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'},
+        env={
+            **os.environ,
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF',
+            'TMPDIR': str(folder / 'temporary'),
+        },
     )
     try:
         time.sleep(after)
         process.send_signal(number)
-        said = process.communicate(timeout=PATIENCE)[0]
+        told = time.monotonic()
+        said = process.communicate(timeout=PATIENCE)[0].decode(errors='replace')
+        if SOAK:  # on an idle machine
+            assert time.monotonic() - told < SOON, (words, after, said)
     finally:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
-    return process.returncode, said.decode(errors='replace')
+    return Ended(process.returncode, said, after)
+
+
+@pytest.fixture(scope='module')
+def given(tmp_path_factory) -> Path:
+    """A folder with what the commands are given."""
+    folder = tmp_path_factory.mktemp('given')
+    measured = read_measurement(DEMO / 'identification')
+    run = [STANDIN, 'run', 'calib_solver', 'identify', DEMO / 'held_out', '--output', 'result']
+    subprocess.run(list(map(str, run)), cwd=folder, check=True, capture_output=True)
+    shutil.copytree(folder / 'result', folder / 'copy')
+    (folder / 'temporary').mkdir()
+    (folder / 'arm.urdf').write_text(arm_urdf(measured.arm))
+    poses = measured.poses
+    joints = [f'q{n}' for n in range(1, 7)]
+    seen = points(measured.arm, poses.joints, np.zeros((len(poses), 3)))
+    for name, header, columns in (
+        ('joints', joints, poses.joints[:50]),
+        ('points', [*joints, 'x', 'y', 'z'], np.hstack([poses.joints, seen])),
+    ):
+        write_table(folder / f'{name}.csv', header, columns)
+    header = ['location', 'sphere', *joints, 's1', 's2', 's3']
+    numbers = np.stack([poses.location, poses.sphere], axis=1)
+    write_table(
+        folder / 'poses.csv', header, np.hstack([numbers, poses.joints, poses.displacement])
+    )
+    return folder
+
+
+def write_table(path: Path, header: Sequence[str], columns) -> None:
+    lines = [','.join(format(each, '.12g') for each in row) for row in columns]
+    path.write_text('\n'.join([','.join(header), *lines]) + '\n')
+
+
+def there(folder: Path) -> dict[str, bytes]:
+    """The files of a folder, but for what a command may write when it is done."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes() if path.is_file() else b''
+        for path in sorted(folder.rglob('*'))
+        if path.relative_to(folder).parts[0] not in (OUT, 'copy')
+    }
 
 
 @pytest.mark.parametrize('name', STARTED)
-def test_a_signal_ends_it_at_any_moment_with_the_documented_code(name, tmp_path):
-    words, code = STARTED[name]
-    rng = random.Random(f'{name} 16')
-    for number in (signal.SIGINT, signal.SIGTERM):
-        # from the first millisecond on, for as long as it loads, and at work
-        for after in (0.02, rng.uniform(0.05, 0.5), rng.uniform(0.5, 3.0)):
-            output = [] if name in ('solver', 'arm', 'recover') else ['--output', 'out']
-            start = [str(STANDIN), 'run', *map(str, words), *output]
-            found, said = ended(start, tmp_path, number, after)
-            done = name == 'recover' and found == 0
-            assert found == code or done, f'{number.name} after {after:.3f} s: {found}, {said}'
-            assert 'Traceback' not in said, f'{number.name} after {after:.3f} s: {said}'
-            if not done:
-                assert list(tmp_path.iterdir()) == [], f'{number.name} after {after:.3f} s'
-            else:
-                (tmp_path / 'out' / 'metadata.yaml').unlink()
-                (tmp_path / 'out' / 'out_0.mcap').unlink()
-                (tmp_path / 'out').rmdir()
+def test_a_signal_ends_it_at_any_moment_with_the_documented_code(name, given):
+    """From the first millisecond on, for as long as it loads, and at work."""
+    rng = random.Random(f'{name} {SEED}')
+    codes = (0,) if name in NODES else (0, 130)
+    before, counts = there(given), Counter()
+    for number in (signal.SIGINT, signal.SIGTERM) * SIGNALS:
+        after = rng.uniform(0.0, rng.choice((SOONER, SOONER, LATEST)))
+        found = ended(STARTED[name], given, number, after)
+        how = f'{signal.Signals(number).name} after {after:.3f} s: {found}'
+        assert found.code in codes, how
+        assert 'Traceback' not in found.said, how
+        assert there(given) == before, how
+        if found.code == 130:  # what it had written is whole, or not there
+            assert not (given / OUT).exists(), how
+        left = given / OUT
+        shutil.rmtree(left) if left.is_dir() else left.unlink(missing_ok=True)
+        counts[found.code] += 1
+    note(**{f'ended {name}': {str(code): count for code, count in counts.items()}})
 
 
 @pytest.mark.parametrize('name', ['solver', 'identify'])
 def test_ctrl_c_ends_also_what_a_script_has_put_into_the_background(name, tmp_path):
     """Its shell has SIGINT ignored there, and the script says `kill -INT $!`."""
-    words, code = STARTED[name]
-    start = ' '.join([str(STANDIN), 'run', *map(str, words)])
+    code = 0 if name in NODES else 130
+    start = ' '.join(STARTED[name])
     script = f'{start} & sleep 1.7; kill -INT $!; wait $!'
     ran = subprocess.run(['bash', '-c', script], cwd=tmp_path, timeout=PATIENCE, check=False)
     assert ran.returncode == code
@@ -88,7 +190,7 @@ def test_a_signal_when_the_work_is_done_changes_no_exit_code(tmp_path):
     """Python gives the signals back before it has taken its modules down."""
     for after in (0.01, 0.03):  # s after the last line
         out = tmp_path / f'after_{after}'
-        words = [str(STANDIN), 'run', *map(str, STARTED['recover'][0][:-1]), str(out)]
+        words = [*STARTED['recover'][:-1], str(out)]
         with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
             assert process.stdout is not None
             assert any(b'missing: nothing' in line for line in process.stdout)
