@@ -40,6 +40,7 @@ ELSEWHERE = {
     ),
     r'ros2 bag record': ('needs a full ROS 2 install', 'test_raw_bags.py'),
     r'calib_capture check': ('needs a probe on a sphere', 'test_check.py'),
+    r'calib_capture capture_points': ('needs a tracker', 'test_tracked_live.py'),
     r'rviz2': ('needs a full ROS 2 install and a screen', 'test_launch_files.py'),
     r'colcon build|rosdep ': ('every set-up builds', 'test_setup.py'),
     r"pip install '?\.": ('a wheel is built once', 'test_wheel.py'),

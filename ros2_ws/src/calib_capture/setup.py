@@ -33,6 +33,7 @@ setup(
             'sim_arm = calib_capture.nodes.arm_node:main',
             'check = calib_capture.nodes.check_node:main',
             'capture = calib_capture.nodes.capture_node:main',
+            'capture_points = calib_capture.nodes.points_node:main',
             'place = calib_capture.commands.place:main',
             'plan = calib_capture.commands.plan:main',
             'replay = calib_capture.nodes.replay_node:main',

@@ -19,6 +19,11 @@ if TYPE_CHECKING:
     from calib_capture.recording.hand_guided_session import (
         HandGuidedSession as HandGuidedSession,
     )
+    from calib_capture.recording.point_session import (
+        PointSession as PointSession,
+        StandingSettings as StandingSettings,
+        TrackedPoint as TrackedPoint,
+    )
     from calib_capture.recording.program_session import (
         ProgramSession as ProgramSession,
     )
