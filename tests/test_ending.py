@@ -68,6 +68,7 @@ COMMANDS = {
 }
 #: nodes end with 0 when they are told to
 NODES = {
+    'capture_points': ('calib_capture',),
     'solver': ('calib_solver',),
     'arm': ('calib_capture',),
     'probe': ('selfcenter_probe',),

@@ -134,6 +134,8 @@ def verify_points(
     stations = tuple(one.number for one in shares.stations)
     weight = result.record['diagnostics'].get('orientation_weight')
     problem = problem.turns_weighing(weight if weight is not None else 1.0)
+    notes = (*unread_lines(sources.bags), *copied_lines(copies), *_sigma_lines(problem, shares))
+    problem = problem.weighed_as(shares.unit_sigma)
     correction: Correction | None = result.calibrated.correction
     flange = flange_of(problem, result.arm, correction)
     quality = known_quality(problem, flange, _places(result, shares), stations)
@@ -145,8 +147,16 @@ def verify_points(
         fitted_quality(problem, result.calibrated.nominal),
         stated_points(result, shares, problem, quality),
         tuple(judge(allowed, point_quality_record(quality), ', '.join(sources.bags))),
-        (*unread_lines(sources.bags), *copied_lines(copies)),
+        notes,
     )
+
+
+def _sigma_lines(problem: PointProblem, shares: PlaceShares) -> tuple[str, ...]:
+    """A line where how good the points are is stated of only these or only the calibration's."""
+    if bool(problem.unit_sigma) == bool(shares.unit_sigma):
+        return ()
+    has, lacks = ('these', "the calibration's")[:: 1 if problem.unit_sigma else -1]
+    return (f'{has} points state a sigma and {lacks} do not: they are taken to be as good',)
 
 
 def _places(result: StoredResult, shares: PlaceShares) -> Places:

@@ -135,7 +135,9 @@ class PointIdentification:
         """Where the errors of targets and stations come from."""
         weighed = self.fit.kappa * self.options.prior.information(self.table)
         noise, problem = self.uncertainty.noise**2, self.problem
-        return PlaceShares.of(self.normal, weighed, noise, problem.targets, problem.stations)
+        return PlaceShares.of(
+            self.normal, weighed, noise, problem.targets, problem.stations, problem.unit_sigma
+        )
 
     @property
     def probe(self) -> PassiveProbe:

@@ -33,7 +33,8 @@ def held_out_points(measured: PointMeasurement, done: PointIdentification) -> He
     refuse_other_joints(measured, done.problem.measured)
     targets, stations = done.problem.targets, done.problem.stations
     refuse_unknown_targets(measured, targets)
-    problem = PointProblem.of(measured, targets).turns_weighing(done.problem.turn_weight)
+    problem = PointProblem.of(measured, targets)
+    problem = problem.turns_weighing(done.problem.turn_weight).weighed_as(done.problem.unit_sigma)
     problem.refuse_too_few()
 
     def judged(arm: Arm, places: Places, correction: Correction | None = None) -> PointQuality:

@@ -28,12 +28,15 @@ class PlaceShares:
 
     `noise` (G, G): covariance by what single points are off; the true parameters being off nominal
     by b (F,) makes an error of `prior` (G, F) times b. Given these, stations err independently.
+    `unit_sigma`, m, is what was stated of a point that scatters as all is said to here, 0 where
+    nothing was.
     """
 
     targets: tuple[str, ...]
     noise: Array
     prior: Array
     stations: tuple[StationShare, ...]
+    unit_sigma: float = 0.0
 
     @classmethod
     def of(
@@ -43,6 +46,7 @@ class PlaceShares:
         noise: float,
         targets: tuple[str, ...],
         stations: tuple[int, ...],
+        unit_sigma: float,
     ) -> PlaceShares:
         """From J'J (F + 6 K + 6 S) of all columns, what the prior weighs (F,) beside it, and the
         variance of a coordinate, m^2."""
@@ -59,4 +63,5 @@ class PlaceShares:
         held[np.arange(free), np.arange(free)] += information
         inverse = full_inverse(held)[0]
         prior = (inverse @ left)[:, :free] - np.eye(known, free)
-        return cls(targets, noise * inverse @ left @ inverse, prior, tuple(found))
+        noise_share = noise * inverse @ left @ inverse
+        return cls(targets, noise_share, prior, tuple(found), unit_sigma)

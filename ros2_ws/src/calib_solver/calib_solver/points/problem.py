@@ -43,7 +43,8 @@ class PointProblem:
     places in `targets` and `stations`. `weight` (N,) is that of a position by its stated sigma, 1
     on average, `trust` (N,) 1 or less, of the whole point; `turn_weight`, m^2/rad^2, is what a
     squared rotation counts beside a squared length. `order` (N,) is each row's place in the
-    measurement; rows `parts[i]` to `parts[i + 1]` have one target and one station.
+    measurement; rows `parts[i]` to `parts[i + 1]` have one target and one station. A position of
+    weight 1 has the stated sigma `unit_sigma`, m; 0 where none is stated.
     """
 
     measured: PointMeasurement
@@ -60,6 +61,7 @@ class PointProblem:
     weight: Array
     trust: Array
     turn_weight: float = 1.0
+    unit_sigma: float = 0.0
 
     @classmethod
     def of(
@@ -90,6 +92,7 @@ class PointProblem:
         oriented = points.oriented[order]
         turned = np.tile(np.eye(3), (len(points), 1, 1))
         turned[oriented] = quaternion_rotations(points.orientation[order][oriented])
+        weight, unit_sigma = _weights(points.sigma[order])
         return cls(
             measured,
             tuple(names),
@@ -102,8 +105,9 @@ class PointProblem:
             frozen(points.position[order]),
             frozen(turned),
             frozen(oriented),
-            frozen(_weights(points.sigma[order])),
+            frozen(weight),
             frozen(np.ones(len(points))),
+            unit_sigma=unit_sigma,
         )
 
     def __len__(self) -> int:
@@ -150,6 +154,14 @@ class PointProblem:
     def turns_weighing(self, turn_weight: float) -> PointProblem:
         """The same with another weight of rotations."""
         return replace(self, turn_weight=float(turn_weight))
+
+    def weighed_as(self, unit_sigma: float) -> PointProblem:
+        """With weight 1 for a position of this stated sigma, m, where sigmas are stated here and
+        there."""
+        if not unit_sigma or not self.unit_sigma:
+            return self
+        times = (unit_sigma / self.unit_sigma) ** 2
+        return replace(self, weight=frozen(times * self.weight), unit_sigma=unit_sigma)
 
     def only(self, kept: NDArray[np.bool_]) -> PointProblem:
         """The points `kept` (N,), with all targets and stations, every one trusted."""
@@ -218,9 +230,10 @@ def _whole(name: str) -> bool:
     return name.isascii() and name.isdecimal() and len(name) < 20
 
 
-def _weights(sigma: Array) -> Array:
-    """1 / sigma^2, on average 1."""
+def _weights(sigma: Array) -> tuple[Array, float]:
+    """1 / sigma^2, on average 1, and the sigma of a weight of 1; 0 where it is not stated."""
     if not (sigma > 0).all():
-        return np.ones(len(sigma))
+        return np.ones(len(sigma)), 0.0
     weight: Array = 1 / sigma**2
-    return weight / weight.mean()
+    mean = float(weight.mean())
+    return weight / mean, mean**-0.5

@@ -96,6 +96,7 @@ def _places_record(places: PlaceShares | None, times: float) -> dict[str, Any] |
     if places is None:
         return None
     return {
+        'unit_sigma': places.unit_sigma,
         'targets': list(places.targets),
         'noise': (times * places.noise).tolist(),
         'prior': places.prior.tolist(),
@@ -184,7 +185,7 @@ def _places(record: dict[str, Any] | None, free: int) -> PlaceShares | None:
         for one in record['stations']
     )
     noise, prior = _matrix(record, 'noise', (size, size)), _matrix(record, 'prior', (size, free))
-    return PlaceShares(targets, noise, prior, stations)
+    return PlaceShares(targets, noise, prior, stations, float(record.get('unit_sigma', 0.0)))
 
 
 def _matrix(record: dict[str, Any], name: str, shape: tuple[int, ...]) -> Array:

@@ -89,6 +89,34 @@ def test_several_targets_whose_rotation_nobody_measured_are_as_good_as_stated(tm
     assert 0.85 < np.sqrt(np.mean(np.square(ratio))) < 1.2
 
 
+def test_points_of_another_stated_sigma_are_held_to_that(tmp_path: Path):
+    """A better tracker calibrated, a worse one verifies."""
+    worse, ratio = 4.0, []
+    for seed in range(4):
+        folder = tmp_path / str(seed)
+        first = tracked(seed, 60, 1, 1, noise=NOISE, world=70 + seed).measured
+        new = tracked(9 + seed, 80, 1, 1, noise=worse * NOISE, world=70 + seed).measured
+        rows = np.arange(60, 80)
+        for name, measured, sigma in (
+            ('bag', first.points, NOISE),
+            ('new', new.points.take(rows), worse * NOISE),
+        ):
+            points = replace(measured, sigma=np.full(len(measured), sigma))
+            write_points(folder / name, replace(first, points=points))
+        options = Options('position', quick=True)
+        calibrate_points(Sources((str(folder / 'bag'),)), options, output=str(folder / 'out'))
+        found = verify(Sources((str(folder / 'new'),)), str(folder / 'out'))
+        ratio.append(found.position.rms / found.position.stated)
+        assert found.notes == ()
+    assert 0.85 < np.sqrt(np.mean(np.square(ratio))) < 1.2
+    bare = replace(new, points=new.points.take(rows))
+    write_points(tmp_path / 'bare', bare)
+    found = verify(Sources((str(tmp_path / 'bare'),)), str(tmp_path / '3' / 'out'))
+    assert found.notes == (
+        "the calibration's points state a sigma and these do not: they are taken to be as good",
+    )
+
+
 def test_an_axis_that_slipped_is_beyond_what_was_stated_and_on_the_page(made: Path):
     found = verify(Sources((str(made / 'slipped'),)), str(made / 'out'))
     assert found.verdict == 'beyond'
