@@ -16,6 +16,12 @@ def frozen(values: object) -> Array:
     return array
 
 
+def largest_difference(one: Array, other: Array) -> float:
+    """Between the elements of two arrays (n,), finite ones; for a handful of joints numpy's own way
+    takes three times as long."""
+    return max(map(abs, (one - other).tolist()))
+
+
 def median(values: Array) -> Array:
     """The median along the first axis of finite values, NaN of none; numpy's own looks for NaN and
     for masked arrays first, which takes several times as long for a few hundred."""

@@ -11,10 +11,16 @@ if TYPE_CHECKING:
     )
     from calib_capture.measuring.measuring_run import (
         MeasuringRun as MeasuringRun,
+    )
+    from calib_capture.measuring.pose_queue import (
+        TakenPose as TakenPose,
+    )
+    from calib_capture.measuring.run_settings import (
         RunError as RunError,
         RunSettings as RunSettings,
         SourceError as SourceError,
-        TakenPose as TakenPose,
+    )
+    from calib_capture.measuring.tally import (
         Tally as Tally,
     )
 else:

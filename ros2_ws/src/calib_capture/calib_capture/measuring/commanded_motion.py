@@ -210,34 +210,3 @@ class CommandedMotion:
 def _held(posture: Array) -> Trajectory:
     """To stay in a posture (n,)."""
     return Trajectory(frozen([HELD]), frozen(posture[None]))
-
-
-class StandingMean:
-    """The mean of the joints while they stay within `tolerance` (rad) of it, and since when."""
-
-    def __init__(self, tolerance: float) -> None:
-        self._tolerance = tolerance
-        self._sum: Array | None = None
-        self._count = 0
-        self._since = self._last = 0
-
-    def see(self, joints: Array, stamp: int) -> bool:
-        """The joints (n,) at a stamp (ns); whether they have left where they were."""
-        self._last = stamp
-        self._since = min(self._since, stamp)  # a clock may be set back
-        mean = joints if self._sum is None else self._sum / self._count
-        if self._sum is not None and np.abs(joints - mean).max() <= self._tolerance:
-            self._sum, self._count = self._sum + joints, self._count + 1
-            return False
-        self._sum, self._count, self._since = joints.copy(), 1, stamp
-        return True
-
-    @property
-    def mean(self) -> Array | None:
-        """Of the joints (n,), rad."""
-        return None if self._sum is None else frozen(self._sum / self._count)
-
-    @property
-    def held(self) -> float:
-        """Seconds since they came here."""
-        return (self._last - self._since) / SECOND

@@ -114,7 +114,7 @@ class ProgramSession:
         if self.run.overdue(now):
             self._take(self.pairing.finish())
             if now - self._fresh[0] < FRESH:
-                self.run.refuse_standstill()
+                self.run.where.refuse_standstill()
             self._named(self.run.close_batch, now)
         self._save()
         self._go_on([])

@@ -56,7 +56,7 @@ class RunProgress:
             self._taken[key] += 1
             self._quality.add(key, pose.measured.joints, pose.measured.displacement)
         self._seen = len(run.taken)
-        scatter, left, refused_at = self._quality.spheres(), run.left_at, run.tally.refused_at
+        scatter, left, refused_at = self._quality.spheres(), run.poses.left_at, run.tally.refused_at
         return [
             SphereProgress(
                 *key,

@@ -4,8 +4,10 @@
 import numpy as np
 import pytest
 
+from calib_capture.measuring import MeasuringRun, RunSettings
 from calib_capture.measuring.locations import Locations
-from calib_capture.measuring.measuring_run import NO_ANSWER, NO_FREE_WAY, MeasuringRun, RunSettings
+from calib_capture.measuring.pose_queue import NO_ANSWER
+from calib_capture.measuring.pose_ways import NO_FREE_WAY
 from calib_capture.program import PlannedPose, Program, SpherePlan
 from calib_model.pairing import Reason, Refusal, SteadyPose
 from calib_model.stamps import SECOND
@@ -60,7 +62,7 @@ class Cell:
         trajectory = self.run.next_trajectory(self.now / SECOND)
         if trajectory is None:
             return None
-        opened = [each for each, _ in self.run._open]
+        opened = self.run.poses.open
         self.stand(trajectory.positions[-1])
         for each in opened:
             reason = self.refused.get(round(float(each.joints[0]), 3))

@@ -6,7 +6,8 @@ import io
 import numpy as np
 import pytest
 
-from calib_capture.measuring.measuring_run import NO_ANSWER, MeasuringRun, RunError, RunSettings
+from calib_capture.measuring import MeasuringRun, RunError, RunSettings
+from calib_capture.measuring.pose_queue import NO_ANSWER
 from calib_capture.motion import InterpolatedMotion
 from calib_capture.program import PlannedPose, Program, SpherePlan
 from calib_capture.recording.program_session import ProgramSession
@@ -280,7 +281,7 @@ def test_a_silent_graph_is_given_up_in_time(run):
     with pytest.raises(
         RunError, match='does not follow: it has stopped on the way, joint_a1 stands'
     ):
-        run.refuse_standstill()
+        run.where.refuse_standstill()
     run.close_batch(2.0)
     run.next_trajectory(2.0)
     with pytest.raises(RunError, match='no pose has been answered for 6 s'):

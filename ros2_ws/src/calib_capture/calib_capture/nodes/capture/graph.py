@@ -446,11 +446,12 @@ class CaptureNode(Node):
         """Whether an arm that is to stop still moves."""
         if not isinstance(self._session, ProgramSession):
             return False
-        return self._session.halting or self._session.run.stands[1] < AT_REST
+        return self._session.halting or self._session.run.where.stands[1] < AT_REST
 
     def where_it_stands(self) -> str:
         """The joints, in words; empty where nobody commanded the arm."""
-        here = self._session.run.stands[0] if isinstance(self._session, ProgramSession) else None
+        session = self._program_session()
+        here = session.run.where.stands[0] if session is not None else None
         if here is None:
             return ''
         joints = ', '.join(
