@@ -124,7 +124,6 @@ class PoseWays:
 
     def _aside(self, here: Array) -> Array:
         """A posture close by: an arm that never left makes no new stop."""
-        lower, upper = self._arm.limits[-1]
         aside = here.copy()
-        aside[-1] += -STEP_ASIDE if here[-1] > np.clip(0.0, lower, upper) else STEP_ASIDE
+        aside[-1] += -STEP_ASIDE if here[-1] > self._arm.zero[-1] else STEP_ASIDE
         return aside

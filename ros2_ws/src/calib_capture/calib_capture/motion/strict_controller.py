@@ -32,8 +32,7 @@ class StrictController:
         start: Array | None = None,
     ) -> None:
         self._names, self._limits, self._tell = arm.joint_names, limits, tell
-        zero = np.clip(np.zeros(arm.n), *arm.limits.T)
-        self._motion = InterpolatedMotion.resting(zero if start is None else start)
+        self._motion = InterpolatedMotion.resting(arm.zero if start is None else start)
         self._began = now
         self._fault: Fault | None = None
         self.failed = ''  # what stopped the arm for good

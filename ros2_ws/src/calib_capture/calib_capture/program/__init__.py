@@ -29,7 +29,6 @@ if TYPE_CHECKING:
         Placer as Placer,
     )
     from calib_capture.program.planner import (
-        Draft as Draft,
         Planner as Planner,
     )
     from calib_capture.program.pose_selection import (
@@ -57,6 +56,9 @@ if TYPE_CHECKING:
         TeachError as TeachError,
         probed_sphere as probed_sphere,
         taught_location as taught_location,
+    )
+    from calib_capture.program.tour import (
+        Draft as Draft,
     )
     from calib_capture.program.tracker_points import (
         TrackerProgram as TrackerProgram,

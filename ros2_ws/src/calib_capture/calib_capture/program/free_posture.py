@@ -21,13 +21,12 @@ def posture_to_begin_in(arm: Arm, probe: Probe, gauge: Gauge) -> Array:
     stands about."""
     check = CollisionCheck(arm, bodies_of(arm, probe, gauge))
     check.put_gauge(AWAY, -1)
-    zero = np.clip(np.zeros(arm.n), *arm.limits.T)
-    if not check.touches(zero):
-        return frozen(zero)
+    if not check.touches(arm.zero):
+        return frozen(arm.zero)
     lower, upper = arm.ranges.T
     drawn = np.random.default_rng(0).uniform(lower, upper, (DRAWN, arm.n))
     height = forward_kinematics(arm, drawn)[:, 2, 3]
     for row in np.argsort(-height):
         if not check.touches(drawn[row]):
             return frozen(drawn[row])
-    return frozen(zero)
+    return frozen(arm.zero)

@@ -4,19 +4,13 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from calib_capture.program.candidates import (
-    NO_FREE_WAY,
-    Candidate,
-    Candidates,
     Finder,
     Reach,
-    branch_names,
     joints_of,
 )
 from calib_capture.program.flange_poses import FlangePoses
@@ -35,30 +29,16 @@ from calib_capture.program.program import (
     ProgramError,
     ProgramSettings,
     Router,
-    SpherePlan,
     WayOut,
 )
-from calib_capture.program.visiting_order import Visit, VisitingOrder
-from calib_model.arrays import Array, frozen
+from calib_capture.program.tour import Draft, Tour
+from calib_model.arrays import Array
 from calib_model.instruments import Arm, Gauge, Probe, refuse_misfit
-from calib_model.progress import Pace, Progress, paced
+from calib_model.progress import Pace, Progress
 from calib_model.transforms import RigidTransform
 
 MANY_REACHES = 10.0  # of the arm: no gauge is that large
 SPARE_SHARE = 0.2
-REST_TRIALS = 2000
-OUT_OF_THE_WAY = 0.1  # m off the gauge that a posture of rest is, where there is one
-MORE_TRIALS = 200  # for one after one that is but clear of the gauge
-
-
-@dataclass(frozen=True)
-class Draft:
-    """A sphere on its way into the program: what there is to choose from."""
-
-    location: int
-    sphere: int
-    candidates: Candidates
-    spares: Candidates
 
 
 def refuse_other_lengths(arm: Arm, gauge: Gauge) -> None:
@@ -128,34 +108,39 @@ class Planner:
             raise ProgramError(f'location {unknown[0]} has no place (known: {known})')
         places = {number: placements[number] for number in locations or sorted(placements)}
         self.finder.stand(tuple(placements.values()) if self.settings.standing else ())
-        drafts: list[Draft] = []
-        pace = Pace(progress, 'looking for postures', 'spheres')
-        spheres = self.spheres
-        for location, place in places.items():
-            found: list[Draft] = []
-            for sphere in spheres:
-                pace(len(drafts) + len(found), len(places) * len(spheres))
-                found.append(self.draft(place, location, sphere))
-            _refuse_out_of_reach(self.arm, location, found)
-            drafts += found
-        pace.end()
+        drafts = self._drafts(places, progress)
         pools = [self.pool(places[draft.location], draft) for draft in drafts]
         chosen = choose(self.information, pools, self.settings.poses_per_sphere).chosen
         picked = [
             [draft.candidates.found[i] for i in rows]
             for draft, rows in zip(drafts, chosen, strict=True)
         ]
-        rest = self._rest(places) if self.settings.by_approach else self._home()
-        plans, visited = self._plans(places, drafts, picked, rest, progress)
+        tour = Tour(self.arm, self.finder, self.settings, places)
+        plans, visited = tour.through(drafts, picked, progress)
         kept = [rows[items] for rows, items in zip(chosen, visited, strict=True)]
         return Program(
             plans,
             self._expected(pools, kept),
             self._router(places),
             self._contacts(places),
-            frozen(rest),
-            self._way_out(places, rest),
+            tour.rest,
+            self._way_out(places, tour.rest),
         )
+
+    def _drafts(
+        self, places: Mapping[int, RigidTransform], progress: Progress | None
+    ) -> list[Draft]:
+        drafts: list[Draft] = []
+        pace = Pace(progress, 'looking for postures', 'spheres')
+        for location, place in places.items():
+            found: list[Draft] = []
+            for sphere in self.spheres:
+                pace(len(drafts) + len(found), len(places) * len(self.spheres))
+                found.append(self.draft(place, location, sphere))
+            _refuse_out_of_reach(self.arm, location, found)
+            drafts += found
+        pace.end()
+        return drafts
 
     def draft(self, T_base_gauge: RigidTransform, location: int, sphere: int) -> Draft:
         """The candidates of one sphere."""
@@ -183,119 +168,6 @@ class Planner:
         return Expected(
             information.position_uncertainty(information.known),
             information.position_uncertainty(information_matrix(information, pools, chosen)),
-        )
-
-    def _plans(
-        self,
-        places: Mapping[int, RigidTransform],
-        drafts: Sequence[Draft],
-        picked: Sequence[Sequence[Candidate]],
-        rest: Array,
-        progress: Progress | None = None,
-    ) -> tuple[tuple[SpherePlan, ...], list[Indices]]:
-        """One sphere after the other; from location to location by a posture of `rest` that
-        is clear of the gauge at all of them. And which of the picked are visited."""
-        driven = self.settings.by_approach
-        visiting = VisitingOrder(self.arm.velocity, self.finder.ways if driven else None, rest)
-        plans: list[SpherePlan] = []
-        visited: list[Indices] = []
-        trail: list[Array] = []  # since the posture of rest
-        at = drafts[0].location if drafts else 0
-        todo = list(zip(drafts, picked, strict=True))
-        for draft, candidates in paced(todo, progress, 'finding free ways', 'spheres'):
-            back: Array = np.empty((0, self.arm.n))
-            if driven and draft.location != at:
-                back = self._back(visiting.here, rest, trail)
-                visiting.here, trail = rest, []
-            at = draft.location
-            self.finder.put_gauge(places[at], draft.sphere)
-            visits = visiting.visit(candidates)
-            trail += [visit.way for visit in visits]
-            plans.append(self._plan(draft, candidates, visits, back))
-            visited.append(np.array([visit.item for visit in visits], dtype=np.int64))
-        return tuple(plans), visited
-
-    def _home(self) -> Array:
-        limits = self.arm.ranges
-        middle: Array = limits.mean(axis=1)
-        return middle
-
-    def _rest(self, places: Mapping[int, RigidTransform]) -> Array:
-        """A posture that keeps clear of the gauge wherever it comes to stand, and out of the way
-        of whoever carries it."""
-        generator = np.random.default_rng(self.settings.seed)
-        lower, upper = self.arm.ranges.T
-        tried, best, off, trials = self._home(), None, 0.0, REST_TRIALS
-        while trials:
-            if all(self._clear(tried, place) for place in places.values()):
-                gap = min(self._gap(tried, place) for place in places.values())
-                if gap >= OUT_OF_THE_WAY:
-                    return tried
-                trials = min(trials, MORE_TRIALS)
-                best, off = (tried, gap) if best is None or gap > off else (best, off)
-            tried, trials = generator.uniform(lower, upper), trials - 1
-        if best is None:
-            raise ProgramError(
-                f'{self.arm.name}: found no posture that is clear of the gauge at every location'
-            )
-        return best
-
-    def _clear(self, q: Array, place: RigidTransform) -> bool:
-        self.finder.put_gauge(place)
-        return self.finder.ways.clear(q)
-
-    def _gap(self, q: Array, place: RigidTransform) -> float:
-        self.finder.put_gauge(place)
-        return self.finder.gap(q)
-
-    def _back(self, here: Array, rest: Array, trail: Sequence[Array]) -> Array:
-        """The way (K, n) from `here` to `rest`, ends included; the gauge is where it was put.
-
-        Where none is found it leads back by the ways of the location, its `trail`.
-        """
-        between = self.finder.ways.between(here, rest)
-        if between is None:
-            between = self.finder.ways.retraced(np.vstack([rest, *trail, here]))
-        return np.vstack([here, between])
-
-    def _plan(
-        self, draft: Draft, candidates: Sequence[Candidate], visits: Sequence[Visit], back: Array
-    ) -> SpherePlan:
-        names = branch_names(self.arm, joints_of(candidates, self.arm.n))
-        poses = []
-        for number, visit in enumerate(visits):
-            way = np.vstack([back, visit.way]) if number == 0 else visit.way
-            candidate, branch = candidates[visit.item], names[visit.item]
-            poses.append(self._planned(draft, candidate, visit.which, way, branch))
-        missed = set(range(len(candidates))) - {visit.item for visit in visits}
-        refused = draft.candidates.refusals(self.arm)
-        refused.update(Counter((names[item], NO_FREE_WAY) for item in missed))
-        none = np.empty((0, self.arm.n))
-        spares = tuple(self._planned(draft, each, 0, none) for each in draft.spares.found)
-        return SpherePlan(
-            draft.location,
-            draft.sphere,
-            tuple(poses),
-            spares if poses else (),
-            draft.candidates.tried,
-            draft.candidates.unreachable,
-            refused,
-        )
-
-    def _planned(
-        self, draft: Draft, candidate: Candidate, which: int, way: Array, branch: str = ''
-    ) -> PlannedPose:
-        joints, settings = candidate.postures[which], self.settings
-        steps = candidate.way[::-1] if settings.by_approach else candidate.way[:0]
-        return PlannedPose(
-            draft.location,
-            draft.sphere,
-            frozen(joints),
-            frozen(candidate.p_probe_sphere),
-            frozen(joints + steps),
-            branch,
-            frozen(way),
-            settings.approach if len(steps) else 0.0,
         )
 
     def _router(self, places: Mapping[int, RigidTransform]) -> Router | None:

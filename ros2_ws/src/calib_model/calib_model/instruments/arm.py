@@ -132,6 +132,11 @@ class Arm:
         return np.where(self.prismatic[:, None], slides, turns)
 
     @property
+    def zero(self) -> Array:
+        """The posture (n,) in which all joints are zero, or as near to it as limits let."""
+        return np.clip(np.zeros(self.n), *self.limits.T)
+
+    @property
     def velocity(self) -> Array:
         """Largest joint speeds, shape (n,), rad/s (m/s of prismatic joints)."""
         return np.array([joint.velocity for joint in self.joints])
