@@ -49,4 +49,4 @@ class Patience:
         done = self._tally.done
         if not done:
             return self._expected
-        return (now - self._start) / done * (self._tally.planned - done)
+        return (now - self._start) / done * self._tally.left

@@ -82,9 +82,9 @@ class Whereabouts:
         return self._newest is not None
 
     @property
-    def stands(self) -> tuple[Array | None, float]:
-        """Where it stands (n,), and for how many s it has."""
-        return self._stands.mean, self._stands.held
+    def stands(self) -> Array | None:
+        """Where it stands (n,), once it has been seen."""
+        return self._stands.mean
 
     @property
     def held(self) -> float:

@@ -18,12 +18,13 @@ from rclpy.parameter import Parameter
 from calib_capture.measuring import Tally
 from calib_capture.nodes.capture.action_server import CaptureServer
 from calib_capture.nodes.capture.graph import CaptureNode
+from calib_capture.nodes.capture.modes import capture_run
 from calib_capture.nodes.capture.parameters import PROGRAM, ParameterReader
-from calib_capture.nodes.capture.run import CaptureRun, Stopped, Unfinished, Watcher
+from calib_capture.nodes.capture.run import Stopped, Unfinished, Watcher
 from calib_capture.nodes.capture.run_display import RunDisplay
 from calib_capture.nodes.capture.teach_service import TeachService
 from calib_capture.program import TaughtBook
-from calib_capture.recording import HandGuidedSession, ProgramSession, TakingSession
+from calib_capture.recording import Session
 from calib_model.command_line import run_command
 from calib_model.errors import ParameterError
 from calib_model.nodes import NodeCommand, init, lean_executor, warn_of_unknown
@@ -69,7 +70,7 @@ def _run_once(node: CaptureNode, executor: Executor, stop: _Stop) -> int:
     else:
         node.taught.update(TaughtBook(node.asked.taught).read())
 
-    def show(session: ProgramSession | HandGuidedSession | TakingSession) -> None:
+    def show(session: Session) -> None:
         tally, current, now = session.tally, session.run.current, time.monotonic()
         if current is not None:
             counts = f'{tally.so_far()}, ' if isinstance(tally, Tally) else ''
@@ -78,7 +79,9 @@ def _run_once(node: CaptureNode, executor: Executor, stop: _Stop) -> int:
             progress.show(tally.done, tally.planned, left, where, now)
 
     try:
-        progress.say(CaptureRun(node, executor, Watcher(progress.say, show, stop.asked), showing)())
+        progress.say(
+            capture_run(node, executor, Watcher(progress.say, show, stop.asked), showing)()
+        )
     except Stopped as stopped:
         progress.say(f'stopped: {stopped}')
         return INTERRUPTED

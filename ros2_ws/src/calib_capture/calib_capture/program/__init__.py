@@ -18,11 +18,9 @@ if TYPE_CHECKING:
         posture_to_begin_in as posture_to_begin_in,
     )
     from calib_capture.program.listing import (
-        program_text as program_text,
-    )
-    from calib_capture.program.place_listing import (
         placed_text as placed_text,
         placed_yaml as placed_yaml,
+        program_text as program_text,
     )
     from calib_capture.program.placing import (
         Placed as Placed,

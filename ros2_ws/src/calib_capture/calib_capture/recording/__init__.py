@@ -6,6 +6,10 @@ from typing import TYPE_CHECKING
 from calib_model.lazy import lazily
 
 if TYPE_CHECKING:
+    from calib_capture.recording.admission import (
+        Admission as Admission,
+        Session as Session,
+    )
     from calib_capture.recording.hand_guided_record import (
         CLOCK_NOTE as CLOCK_NOTE,
         HandGuidedRecord as HandGuidedRecord,

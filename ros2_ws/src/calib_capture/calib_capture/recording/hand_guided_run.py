@@ -66,6 +66,11 @@ class HandGuidedTally:
         return self.taken
 
     @property
+    def left(self) -> int:
+        """How many are still planned."""
+        return max(self.planned - self.taken, 0)
+
+    @property
     def readings(self) -> int:
         """How many readings have been accounted for."""
         return self.paired + sum(self.refused.values())

@@ -18,6 +18,7 @@ BACK = 'stamps of the joints began anew: {}'
 UNSURE = '{} messages left out around a publisher started anew'
 FRESH = 0.3  # s since the last joint state: what it tells holds now
 STALE = 1.0  # s without a message of one stream: it is waited for, the arm told nothing
+AT_REST = 0.1  # s that an arm has stood still before it counts as stopped
 SAVE_WITHIN = 0.02  # s: accepted poses that come closer together share a flush
 
 
@@ -153,9 +154,9 @@ class ProgramSession:
             self._stop_arm(self._clock())
 
     @property
-    def halting(self) -> bool:
-        """Whether the arm is still to be stopped."""
-        return self._halting
+    def stopping(self) -> bool:
+        """Whether an arm that was halted is still to be stopped, or still moves."""
+        return self._halting or self.run.where.held < AT_REST
 
     def _stop_arm(self, now: float) -> None:
         motion = self.run.motion

@@ -47,6 +47,11 @@ class TakenTally:
         """As `taken`."""
         return self.taken
 
+    @property
+    def left(self) -> int:
+        """None is planned."""
+        return 0
+
     def line(self) -> str:
         """Counts in words."""
         back = f', {self.undone} taken back' if self.undone else ''

@@ -18,11 +18,12 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from calib_capture.nodes.capture.graph import TICK, CaptureNode
+from calib_capture.nodes.capture.modes import capture_run
 from calib_capture.nodes.capture.parameters import CaptureParameters, ParameterReader
-from calib_capture.nodes.capture.run import CaptureRun, Stopped, Unfinished, Watcher
+from calib_capture.nodes.capture.run import Stopped, Unfinished, Watcher
 from calib_capture.nodes.capture.run_display import RunDisplay
 from calib_capture.nodes.capture.teach_service import TeachService
-from calib_capture.recording import HandGuidedSession, ProgramSession, TakingSession
+from calib_capture.recording import ProgramSession, Session
 from calib_model.errors import CalibrationError
 from calib_model.nodes import Proposal
 
@@ -74,7 +75,7 @@ class CaptureServer:
         self._node.get_logger().info('waiting for goals on /capture/run')
         while not self._stopped():
             self._executor.spin_once(timeout_sec=TICK)
-            if not self._node.missing_descriptions():
+            if not self._node.descriptions.missing():
                 self._get_ready()
             if self._next is not None:
                 handle, answer = self._next
@@ -133,7 +134,7 @@ class CaptureServer:
             _Feedback(handle),
             lambda: bool(handle.is_cancel_requested) or self._stopped(),
         )
-        capturing = CaptureRun(node, self._executor, watcher, self._showing)
+        capturing = capture_run(node, self._executor, watcher, self._showing)
         success = unfinished = False
         try:
             node.asked.writing.permit(bag)
@@ -169,7 +170,7 @@ class _Feedback:
         self._handle = handle
         self._told = 0.0
 
-    def __call__(self, session: ProgramSession | HandGuidedSession | TakingSession) -> None:
+    def __call__(self, session: Session) -> None:
         now, current, tally = time.monotonic(), session.run.current, session.tally
         awaited = session.awaits if isinstance(session, ProgramSession) else None
         location = awaited or (current.location if current is not None else 0)
@@ -184,7 +185,7 @@ class _Feedback:
                 refused=sum(tally.refused.values()),
                 reasons=list(tally.refused),
                 refused_by_reason=list(tally.refused.values()),
-                left=max(tally.planned - tally.done, 0),
+                left=tally.left,
                 planned=tally.planned,
                 seconds_left=session.run.seconds_left(now),
             )

@@ -47,7 +47,7 @@ class TeachService:
         self._heard = -math.inf
         self._spheres: dict[int, dict[int, TaughtSphere]] = {}
         self.busy = False  # a capture is under way
-        node.watch = self._see
+        node.streams.watch = self._see
         node.create_service(Teach, 'capture/teach', self._teach)
 
     def _see(self, message: JointSample | Reading) -> None:
@@ -97,9 +97,9 @@ class TeachService:
             raise TeachError('a capture is under way: teach when it is done')
         if node.awaits not in (None, location):
             raise TeachError(f'the bar is to stand at location {node.awaits} now: teach that')
-        if missing := node.missing_descriptions():
+        if missing := node.descriptions.missing():
             raise TeachError(f'not there yet: {missing}')
-        node.check_origins()
+        node.refuse_strangers()
         if time.monotonic() - self._heard > SILENT:
             raise TeachError('no joint states from the arm')
         asked = node.asked.steady
