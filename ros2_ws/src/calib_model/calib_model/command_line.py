@@ -112,11 +112,16 @@ def run_command(work: Callable[[], int | None]) -> int:
     little memory; Ctrl-C, SIGTERM and
     SIGHUP give 130; a reader that has gone away (`| head`) ends it quietly.
     """
-    _end_as_by_ctrl_c()
+    told = _end_as_by_ctrl_c()
     try:
         return _done(work)
     except KeyboardInterrupt:
         return INTERRUPTED
+    except Exception:
+        # what it met on its way may have made another of it: __set_name__ does, up to Python 3.11
+        if told:
+            return INTERRUPTED
+        raise
     finally:
         if begun():  # what is left is the interpreter's end, which undoes handlers but not this
             handle(signal.SIG_IGN)
@@ -154,26 +159,30 @@ def _done(work: Callable[[], int | None]) -> int:
     return code or 0
 
 
-def _end_as_by_ctrl_c() -> None:
+def _end_as_by_ctrl_c() -> list[int]:
     """Let the signals that ask to end, where nobody has other plans with them, unwind what is under
     way; what does not come to an end by that, as a library that swallows it, is ended soon after.
+    The one that came is in what is returned.
     """
+    told: list[int] = []
     if current_thread() is not main_thread():
-        return  # a test's: signals are the main thread's
+        return told  # a test's: signals are the main thread's
 
     def interrupt(number: int, frame: object) -> None:
         # what is torn down then is torn down once
         for one in ENDING:
             signal.signal(one, signal.SIG_IGN)
         end_at_the_latest(INTERRUPTED)
+        told.append(number)
         raise KeyboardInterrupt
 
     if begun():
         handle(interrupt)
-        return
+        return told
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is signal.SIG_DFL:
             signal.signal(number, interrupt)
+    return told
 
 
 def _refused(error: CalibrationError) -> int:

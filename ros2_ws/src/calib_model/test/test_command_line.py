@@ -27,6 +27,23 @@ def test_ctrl_c_is_130_and_a_bug_is_not_hidden() -> None:
         raising(ZeroDivisionError())
 
 
+def test_an_interrupt_that_became_another_exception_on_its_way_is_130() -> None:
+    """As up to Python 3.11 of a class that is being made while the signal comes."""
+    code = """
+import os, signal, sys
+from calib_model.command_line import run_command
+def work():
+    try:
+        os.kill(os.getpid(), signal.SIGTERM)
+        signal.pause()
+    except KeyboardInterrupt as told:
+        raise RuntimeError('Error calling __set_name__') from told
+sys.exit(run_command(work))
+"""
+    ran = subprocess.run([sys.executable, '-c', code], capture_output=True, timeout=30, check=False)
+    assert (ran.returncode, ran.stderr) == (130, b'')
+
+
 def test_the_work_decides_the_code_otherwise() -> None:
     assert run_command(lambda: None) == 0
     assert run_command(lambda: 3) == 3
