@@ -79,6 +79,11 @@ class FirstSeconds:
             self._due = now + PERIOD
             self._look(now)
 
+    @property
+    def over(self) -> bool:
+        """Whether it has heard enough."""
+        return self._over
+
     def refused(self, taken: int, refused: Mapping[str, int]) -> None:
         """How many poses were taken and refused so far, by reason."""
         if taken or sum(refused.values()) < REFUSED:

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 PACES = (0.01, 100.0)  # that are told apart
 REAL = (0.75, 1.33)  # real time, as far as messages come in time
 SURE = 0.3  # s of the arm's or the wall's time by which it is told
@@ -41,5 +39,5 @@ class ArmPace:
             self._leap = arm - wall
         arm = self._arm - self._leap
         if max(arm, self._wall) > SURE:
-            pace = float(np.clip(arm / max(self._wall, SHORT), *PACES))
+            pace = min(max(arm / max(self._wall, SHORT), PACES[0]), PACES[1])
             self.known = 1.0 if REAL[0] < pace < REAL[1] else pace

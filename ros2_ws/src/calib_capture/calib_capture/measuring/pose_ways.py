@@ -109,7 +109,7 @@ class PoseWays:
     def _on(self, here: Array, one: Array, other: Array) -> bool:
         """Whether a posture is on the straight way between two."""
         way = other - one
-        part = float(np.clip((here - one) @ way / (way @ way), 0.0, 1.0))
+        part = min(max(float((here - one) @ way / (way @ way)), 0.0), 1.0)
         return self._same(one + part * way, here)
 
     def _between(self, start: Array, pose: PlannedPose) -> Array | None:

@@ -9,6 +9,7 @@ quintic polynomials the very motion.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from calib_model.stamps import SECOND
 LEAD = 0.1  # s at the start in which a controller comes from where it holds to where we see it
 SHORTEST_PHASE = 1e-3  # s: rounded stamps of points nearer in time would be seen in the jerk
 EASIER, TRIALS = 0.98, 40  # what acceleration is tried next where a phase is shorter, and how often
+LEGS = 1 << 14  # that are timed once: a run commands what its program was timed by
 NEAR, TINY = 1e-9, 1e-12  # rad: no way at all
 
 
@@ -46,10 +48,11 @@ class Leg:
     def __init__(self, here: Array, limits: MotionLimits) -> None:
         self.here = here
         self.seconds = LEAD
-        self._limits = limits
+        self._limits = np.stack([limits.velocity, limits.acceleration, limits.jerk])
         self._phases = [Phase(LEAD, 0.0, 0.0, 0.0)]
         self._from: list[Array] = [here]
         self._ways: list[Array] = [np.zeros(len(here))]
+        self._begins = [0.0]
         self._counts = [1]
 
     @property
@@ -63,14 +66,10 @@ class Leg:
         far = np.maximum(np.abs(way), TINY)
         if far.max() < NEAR:
             return
-        limits = self._limits
-        velocity = float((limits.velocity / far).min())
+        velocity, acceleration, jerk = (self._limits / far).min(axis=1).tolist()
         if seconds > 0:
             velocity = min(velocity, 1.0 / seconds)
-        phases = timed(
-            velocity, float((limits.acceleration / far).min()), float((limits.jerk / far).min())
-        )
-        self._add(way, phases)
+        self._add(way, timed(velocity, acceleration, jerk))
         self.here = posture
 
     def along(self, postures: Array, seconds: float) -> None:
@@ -85,27 +84,30 @@ class Leg:
             self._add(np.zeros(len(self.here)), [Phase(whole, 0.0, 0.0, 0.0)])
 
     def _add(self, way: Array, phases: Sequence[Phase]) -> None:
-        begin = self.seconds
         self._from.append(self.here)
         self._ways.append(way)
+        self._begins.append(self.seconds)
         self._counts.append(len(phases))
-        self._phases += [each._replace(seconds=begin + each.seconds) for each in phases]
-        self.seconds = self._phases[-1].seconds
+        self._phases += phases
+        self.seconds += phases[-1].seconds
 
     def trajectory(self) -> Trajectory:
         """The whole of it."""
-        start = np.repeat(np.array(self._from), self._counts, axis=0)
-        way = np.repeat(np.array(self._ways), self._counts, axis=0)
+        start, way, begin = (
+            np.repeat(np.array(each), self._counts, axis=0)
+            for each in (self._from, self._ways, self._begins)
+        )
         t, s, ds, dds = np.array(self._phases).T
         return Trajectory(
-            frozen(t),
+            frozen(begin + t),
             frozen(start + s[:, None] * way),
             frozen(ds[:, None] * way),
             frozen(dds[:, None] * way),
         )
 
 
-def timed(velocity: float, acceleration: float, jerk: float) -> list[Phase]:
+@lru_cache(maxsize=LEGS)
+def timed(velocity: float, acceleration: float, jerk: float) -> tuple[Phase, ...]:
     """The way from 0 to 1, from rest to rest, within these limits of it (1/s, 1/s^2, 1/s^3); the
     phases end after whole nanoseconds, as stamps can tell.
 
@@ -132,7 +134,7 @@ def timed(velocity: float, acceleration: float, jerk: float) -> list[Phase]:
     if not phases:
         raise MotionError(f'no motion within {velocity:g}/s and {acceleration:g}/s^2 of a way')
     phases[-1] = Phase(phases[-1].seconds, 1.0, 0.0, 0.0)
-    return phases
+    return tuple(phases)
 
 
 def _profile(velocity: float, acceleration: float, jerk: float) -> ruckig.Profile:

@@ -49,6 +49,10 @@ if TYPE_CHECKING:
     from calib_capture.recording.standing_pose import (
         pose_at_rest as pose_at_rest,
     )
+    from calib_capture.recording.stream_bytes import (
+        JointStateReader as JointStateReader,
+        read_reading as read_reading,
+    )
     from calib_capture.recording.taking_session import (
         PoseTaker as PoseTaker,
         TakeError as TakeError,

@@ -64,13 +64,14 @@ class Admission:
         if self._first is None:
             return False
         self._first.see(message, time.monotonic())
-        if isinstance(self._session, ProgramSession):
-            self._first.refused(self._session.tally.taken, self._session.tally.refused)
-        if not self._first.objection:
-            return False
-        self._fail(RunError(self._first.objection))
-        self._first = None
-        return True
+        tally = self._session.tally
+        self._first.refused(tally.taken, tally.refused)
+        objection = self._first.objection
+        if objection:
+            self._fail(RunError(objection))
+        if objection or (tally.taken and self._first.over):
+            self._first = None
+        return bool(objection)
 
     def _possible(self, reading: Reading) -> bool:
         """Whether a stylus can have made it: no pose is taken of what is many strokes long, and

@@ -19,7 +19,7 @@ UNSURE = '{} messages left out around a publisher started anew'
 FRESH = 0.3  # s since the last joint state: what it tells holds now
 STALE = 1.0  # s without a message of one stream: it is waited for, the arm told nothing
 AT_REST = 0.1  # s that an arm has stood still before it counts as stopped
-SAVE_WITHIN = 0.02  # s: accepted poses that come closer together share a flush
+SAVE_WITHIN = 0.05  # s: accepted poses that come closer together share a flush
 
 
 class ProgramSession:
@@ -67,20 +67,22 @@ class ProgramSession:
 
     def take_joints(self, sample: JointSample, raw: bytes) -> None:
         """A joint state has come; `raw` are its CDR bytes."""
-        self.recorder.raw(JOINT_STATES, raw, self._wall())
-        self._newest[0], self._fresh[0] = sample.stamp, self._clock()
+        now, wall = self._clock(), self._wall()
+        self.recorder.raw(JOINT_STATES, raw, wall)
+        self._newest[0], self._fresh[0] = sample.stamp, now
         if self._estimate is not None:
             self._estimate.see_joints(sample)
-        self.run.see(sample.joints, sample.stamp, self._clock(), self._wall())
-        self._go_on(self.pairing.add_joints(sample))
+        self.run.see(sample.joints, sample.stamp, now, wall)
+        self._go_on(self.pairing.add_joints(sample), now)
 
     def take_reading(self, reading: Reading, raw: bytes) -> None:
         """A probe reading has come; `raw` are its CDR bytes."""
+        now = self._clock()
         self.recorder.raw(PROBE_DISPLACEMENTS, raw, self._wall())
-        self._newest[1], self._fresh[1] = reading.stamp, self._clock()
+        self._newest[1], self._fresh[1] = reading.stamp, now
         if self._estimate is not None:
             self._estimate.see_reading(reading)
-        self._go_on(self.pairing.add_reading(reading))
+        self._go_on(self.pairing.add_reading(reading), now)
 
     def start_over(self, topic: Topic) -> None:
         """A message has come that may be of another arm or probe than the bag's: it is left out of
@@ -99,7 +101,7 @@ class ProgramSession:
             RunError: nothing has come of any pose for too long.
         """
         now = self._clock()
-        if self._stale():
+        if self._stale(now):
             if not self._lost and self.run.motion.under_way(now):
                 self._lost = True
                 self.halt()
@@ -113,12 +115,11 @@ class ProgramSession:
         if self._halting:
             self._stop_arm(now)
         if self.run.overdue(now):
-            self._take(self.pairing.finish())
+            self._take(self.pairing.finish(), now)
             if now - self._fresh[0] < FRESH:
                 self.run.where.refuse_standstill()
             self._named(self.run.close_batch, now)
-        self._save()
-        self._go_on([])
+        self._go_on([], now)
 
     def halt(self) -> None:
         """Bring the arm to rest, and command nothing until the run goes on."""
@@ -184,8 +185,8 @@ class ProgramSession:
         parts += [UNSURE.format(self.unsure)] if self.unsure else []
         return '; '.join([*parts, self._clock_line] if self._clock_line else parts)
 
-    def _stale(self) -> bool:
-        return self._clock() - min(self._fresh) > STALE
+    def _stale(self, now: float) -> bool:
+        return now - min(self._fresh) > STALE
 
     def _named(self, work: Callable[[float], None], now: float) -> None:
         """Do it; what is raised says how far the clocks are apart."""
@@ -194,19 +195,20 @@ class ProgramSession:
         except RunError as error:
             raise RunError(f'{error}{apart(*self._newest)}') from error
 
-    def _go_on(self, outcomes: list[Outcome]) -> None:
-        self._take(outcomes)
-        waits = self._halting or self._stale()
-        trajectory = None if waits else self.run.next_trajectory(self._clock())
+    def _go_on(self, outcomes: list[Outcome], now: float) -> None:
+        if outcomes:
+            self._take(outcomes, now)
+        waits = self._halting or self._stale(now)
+        trajectory = None if waits else self.run.next_trajectory(now)
         if trajectory is not None:
             self._command(self.run.sent(trajectory, self._clock()))
-        waited = self._unsaved_since is not None and self._clock() - self._unsaved_since
-        if trajectory is not None or self.run.finished or (waited and waited > SAVE_WITHIN):
+        since = self._unsaved_since
+        if since is not None and (self.run.finished or self._clock() - since > SAVE_WITHIN):
             self._save()
 
-    def _take(self, outcomes: list[Outcome]) -> None:
+    def _take(self, outcomes: list[Outcome], now: float) -> None:
         for outcome in outcomes:
-            taken = self.run.take(outcome, self._clock())
+            taken = self.run.take(outcome, now)
             if taken is None:
                 continue
             planned, measured = taken.planned, taken.measured
@@ -220,7 +222,7 @@ class ProgramSession:
                 measured.readings,
             )
             self.recorder.pose(cdr.encode(message), self._wall())
-            self._unsaved_since = self._unsaved_since or self._clock()
+            self._unsaved_since = self._unsaved_since or now
 
     def _save(self) -> None:
         self.recorder.commit()

@@ -68,8 +68,8 @@ class FileAccount:
 
     def add(self, topic: str, time: int) -> None:
         """Take note of one message."""
-        self.first = min(self.first, time) if self.messages else time
-        self.last = max(self.last, time) if self.messages else time
+        self.first = min(self.first, time) if self.counts else time
+        self.last = max(self.last, time) if self.counts else time
         self.counts[topic] = self.counts.get(topic, 0) + 1
 
 

@@ -64,6 +64,9 @@ if TYPE_CHECKING:
         SteadyPose as SteadyPose,
         SteadySettings as SteadySettings,
     )
+    from calib_model.pairing.stream_columns import (
+        little_endian as little_endian,
+    )
     from calib_model.pairing.streams import (
         RawStreams as RawStreams,
         RecordedStreams as RecordedStreams,

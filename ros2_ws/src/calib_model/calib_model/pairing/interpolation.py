@@ -55,6 +55,17 @@ def interpolated(
     return JointsAt(found, known, across)
 
 
+def between(first: int, before: Array, last: int, behind: Array, at: int, max_gap: float) -> Array:
+    """The same at one instant, from two states (n,) alone, at the stamps `first` and `last`, ns:
+    the line between them; NaN outside and across a longer gap."""
+    if at in (first, last):
+        return before if at == first else behind
+    gap = last - first
+    if not first < at < last or gap > round(max_gap * SECOND):
+        return np.full_like(before, np.nan)
+    return before + (at - first) / gap * (behind - before)
+
+
 def _cubic(
     stamp: NDArray[np.int64],
     joints: Array,

@@ -60,8 +60,9 @@ class Reading(NamedTuple):
 
 
 def usable(values: Array) -> bool:
-    """Whether all values, m or rad, are numbers that a sensor may give."""
-    return bool((np.abs(values) <= LARGEST).all())
+    """Whether all values, m or rad, are numbers that a sensor may give; of the few of a message or
+    of a stop."""
+    return all(-LARGEST <= value <= LARGEST for value in values.ravel().tolist())
 
 
 #: what speaks against a reading by itself, the gravest first

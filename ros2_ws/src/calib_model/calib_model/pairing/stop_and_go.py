@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib_model.arrays import Array, frozen
-from calib_model.pairing.interpolation import interpolated
-from calib_model.pairing.readings import GRAVEST, JointSample, Reading, Reason, objections
+from calib_model.pairing.interpolation import between
+from calib_model.pairing.readings import GRAVEST, JointSample, Reading, Reason, objections, usable
 from calib_model.pairing.stops import MANY, SURE, Line, Stillness, Stop, StopFinder, UsualNoise
 from calib_model.pairing.streams import STEP_BACK
 from calib_model.stamps import SECOND
@@ -194,14 +194,16 @@ class Pairing:
         while self._readings and self._readings[0].stamp < start + self._settle:
             self._readings.popleft()
         count = sum(reading.stamp <= start + self._window for reading in self._readings)
+        if count < self.settings.min_readings:
+            return Refusal(start, stands, Reason.NO_READINGS)
         readings = list(islice(self._readings, count))
-        reason = self._objection(readings)
+        displacement = np.array([reading.displacement for reading in readings])
+        reason = self._objection(readings, displacement)
         if reason is not None:
             return Refusal(start, stands, reason)
         stamp = start + sum(reading.stamp - start for reading in readings) // count
         joints = self._joints_at(stamp, stop.samples)
-        mean = np.mean([reading.displacement for reading in readings], axis=0)
-        return SteadyPose(stamp, joints, frozen(mean), count)
+        return SteadyPose(stamp, joints, frozen(displacement.mean(axis=0)), count)
 
     def _joints_at(self, stamp: int, samples: Sequence[JointSample]) -> Array:
         """The joints (n,) of a stop at a stamp: averaged, where many states show no motion."""
@@ -212,21 +214,17 @@ class Pairing:
                 return line.at(stamp)
         after = max(1, bisect_left(samples, stamp, key=_stamp))
         around = samples[after - 1 : after + 1]
-        stamps = np.array([sample.stamp for sample in around])
-        joints = np.array([sample.joints for sample in around])
-        return frozen(
-            interpolated(stamps, joints, np.array([stamp]), self.settings.max_gap).joints[0]
-        )
+        if len(around) < 2:
+            return frozen(np.where(around[0].stamp == stamp, around[0].joints, np.nan))
+        (first, before), (last, behind) = around
+        return frozen(between(first, before, last, behind, stamp, self.settings.max_gap))
 
-    def _objection(self, readings: list[Reading]) -> Reason | None:
-        """What speaks against a window's readings, the gravest first."""
-        if len(readings) < self.settings.min_readings:
-            return Reason.NO_READINGS
-        displacement = np.array([reading.displacement for reading in readings])
-        status = np.array([reading.status for reading in readings])
-        gravest = int(objections(status, displacement).min())
-        if gravest < len(GRAVEST):
-            return GRAVEST[gravest]
+    def _objection(self, readings: list[Reading], displacement: Array) -> Reason | None:
+        """What speaks against a window's readings, the gravest first; `displacement` (K, 3) is
+        theirs."""
+        if any(any(reading.status) for reading in readings) or not usable(displacement):
+            status = np.array([reading.status for reading in readings])
+            return GRAVEST[int(objections(status, displacement).min())]
         stamps = np.array([reading.stamp for reading in readings])
         rest = self._rest(stamps, displacement)
         self._usual.see(displacement)
@@ -238,13 +236,13 @@ class Pairing:
         stop drift no more than is usual, either: the mean of three is off by a third of what the
         first is."""
         most = self.settings.max_spread
-        line = Line.of(stamps, displacement)
+        line = Line(stamps, displacement)
         seconds = float(stamps[-1] - stamps[0]) / SECOND
+        spread = (displacement.max(axis=0) - displacement.min(axis=0)).max()
         if len(stamps) < MANY:
             usual = max(FEW_DRIFT * most, SURE * np.sqrt(2) * self._usual.known)
-            drift = np.abs(line.slope).max() * seconds
-            return bool(drift <= usual and np.ptp(displacement, axis=0).max() <= most)
-        if np.ptp(displacement, axis=0).max() <= most:
+            return bool(spread <= most and np.abs(line.slope).max() * seconds <= usual)
+        if spread <= most:
             return True
         drift = (np.abs(line.slope) - SURE * line.slope_deviation) * seconds
         noisy = line.scatter <= np.minimum(WHITE * line.noise, NOISIEST * most)

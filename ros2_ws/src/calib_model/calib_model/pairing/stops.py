@@ -9,14 +9,17 @@ not swing about it more than from state to state.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.arrays import Array, frozen
+from calib_model.arrays import Array, frozen, largest_difference
 from calib_model.pairing.readings import JointSample
 from calib_model.stamps import SECOND
 
@@ -52,7 +55,7 @@ class Stillness:
     def together(self, before: JointSample, after: JointSample) -> bool:
         """Whether two successive states may be of one stop."""
         gap = after.stamp - before.stamp
-        step = float(np.abs(after.joints - before.joints).max())
+        step = largest_difference(after.joints, before.joints)
         return gap <= self.gap and step <= self.max_speed * gap / SECOND + SCATTER
 
     def dwelling(self, samples: Sequence[JointSample]) -> Sequence[JointSample]:
@@ -65,51 +68,60 @@ class Stillness:
         """Whether the arm stands in the dwell of a stop's states, as far as they tell."""
         dwelling = self.dwelling(samples)
         line = Line.through(dwelling)
-        unsure = SURE * line.slope_deviation
         if len(dwelling) < MANY:  # how much is noise they cannot tell
             span = max(dwelling[-1].stamp - dwelling[0].stamp, 1) / SECOND
-            unsure = np.full_like(unsure, FEW / span)
+            unsure: Array | float = FEW / span
+        else:
+            unsure = SURE * line.slope_deviation
         if (np.abs(line.slope) > self.max_speed + unsure).any():
             return False
         return bool((line.scatter <= SURE * line.noise + SWING).all())
 
 
-@dataclass(frozen=True)
 class Line:
-    """A straight line through joint states: `mean` (n,) in rad at the mean `stamp` (ns), `slope`
-    (n,) in rad/s with its standard deviation, the `scatter` (n,) about it, and the `noise` (n,)
-    that the steps from state to state show, rad."""
+    """A straight line through values (K, n), rad, at stamps (K,), ns, by least squares: `mean` (n,)
+    at the mean `stamp`, `slope` (n,) in rad/s."""
 
-    stamp: float
-    mean: Array
-    slope: Array
-    slope_deviation: Array
-    scatter: Array
-    noise: Array
+    def __init__(self, stamps: NDArray[np.int64], values: Array) -> None:
+        since = stamps - stamps[0]
+        middle = float(np.add.reduce(since) / len(stamps))
+        self._values = values
+        self._t = (since - middle) / SECOND
+        self._spread = float(self._t @ self._t)
+        self.stamp = float(stamps[0]) + middle
+        # equal ones to the last digit
+        self.mean: Array = values[0] + np.add.reduce(values - values[0]) / len(stamps)
+        self._left = values - self.mean
+        self.slope: Array = np.zeros(values.shape[1])
+        if self._spread > 0:
+            self.slope = self._t @ self._left / self._spread
 
     @classmethod
     def through(cls, samples: Sequence[JointSample]) -> Line:
-        """By least squares; of two states the steps that encoders may make are their scatter."""
+        """Joint states."""
         stamps = np.array([each.stamp for each in samples])
-        return cls.of(stamps, np.array([each.joints for each in samples]))
+        return cls(stamps, np.array([each.joints for each in samples]))
 
-    @classmethod
-    def of(cls, stamps: NDArray[np.int64], joints: Array) -> Line:
-        """Through values (K, n) at stamps (K,), ns."""
-        middle = float(np.mean(stamps - stamps[0]))
-        t = ((stamps - stamps[0]) - middle) / SECOND
-        spread = float(t @ t)
-        mean = joints[0] + (joints - joints[0]).mean(axis=0)  # equal ones to the last digit
-        slope = t @ (joints - mean) / spread if spread > 0 else np.zeros(joints.shape[1])
-        noise = np.sqrt(np.mean(np.diff(joints, axis=0) ** 2, axis=0) / 2)
-        if len(stamps) > 2:
-            left = joints - mean - t[:, None] * slope
-            scatter = np.sqrt((left**2).sum(axis=0) / (len(stamps) - 2))
-        else:
-            scatter = np.full(joints.shape[1], SCATTER / SURE)
-            noise = scatter
-        deviation = scatter / np.sqrt(spread) if spread > 0 else scatter
-        return cls(float(stamps[0]) + middle, mean, slope, deviation, scatter, noise)
+    @cached_property
+    def scatter(self) -> Array:
+        """About it (n,), rad; of two states the steps that encoders may make."""
+        count = len(self._t)
+        if count <= 2:
+            return np.full(self._values.shape[1], SCATTER / SURE)
+        left = self._left - self._t[:, None] * self.slope
+        return np.sqrt((left**2).sum(axis=0) / (count - 2))
+
+    @cached_property
+    def noise(self) -> Array:
+        """What the steps from state to state show of it (n,), rad."""
+        if len(self._t) <= 2:
+            return self.scatter
+        return np.sqrt(np.mean(np.diff(self._values, axis=0) ** 2, axis=0) / 2)
+
+    @property
+    def slope_deviation(self) -> Array:
+        """The standard deviation (n,) of the slope, rad/s."""
+        return self.scatter / np.sqrt(self._spread) if self._spread > 0 else self.scatter
 
     def at(self, stamp: int) -> Array:
         """The joints (n,) at a stamp, ns."""
@@ -126,13 +138,13 @@ class UsualNoise:
     def see(self, values: Array) -> None:
         """The readings (K, 3) of a stop, m."""
         if len(values) > 1:
-            steps = np.diff(values, axis=0)
-            self._seen.append(float(np.sqrt(np.mean(steps**2, axis=0) / 2).max()))
+            steps = values[1:] - values[:-1]
+            self._seen.append(math.sqrt(max((steps**2).sum(axis=0)) / len(steps) / 2))
 
     @property
     def known(self) -> float:
         """The median of the stops'; infinite as long as these are too few."""
-        return float(np.median(self._seen)) if len(self._seen) >= TELLING else np.inf
+        return median(self._seen) if len(self._seen) >= TELLING else math.inf
 
 
 class Stop:
@@ -152,7 +164,7 @@ class Stop:
 
     def near(self, sample: JointSample, within: float) -> bool:
         """Whether a state is still where this stop is, `within` so many rad."""
-        return bool(np.abs(sample.joints - self._sum / self._count).max() <= within)
+        return largest_difference(sample.joints, self._sum / self._count) <= within
 
     def add(self, sample: JointSample) -> None:
         """One state more."""

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from calib_model.pairing.interpolation import interpolated
+from calib_model.pairing.interpolation import between, interpolated
 from calib_model.stamps import SECOND
 
 pytestmark = pytest.mark.timeout(60)
@@ -87,3 +87,13 @@ def test_four_states_decide_bit_for_bit(seed, count):
         found = interpolated(stamp[near], joints[near], np.array([each]), 0.02)
         assert found.known[0] == whole.known[row]
         assert np.array_equal(found.joints[0], whole.joints[row], equal_nan=True)
+
+
+@given(st.integers(1, 10**9), st.integers(-(10**9), 2 * 10**9), st.integers(0, 10**9))
+def test_of_two_states_alone_it_is_the_line_and_the_same_as_of_many(gap, after, longest):
+    first, joints = 1_700_000_000 * SECOND, np.array([[0.1, -2.0], [0.3, -2.5]])
+    stamps, instant = np.array([first, first + gap]), first + after
+    max_gap = longest / SECOND
+    known = interpolated(stamps, joints, np.array([instant]), max_gap).joints[0]
+    alone = between(first, joints[0], first + gap, joints[1], instant, max_gap)
+    assert np.array_equal(alone, known, equal_nan=True)

@@ -87,7 +87,7 @@ class CaptureNode(Node):
     def describe(self) -> None:
         """Take arm, probe and gauge from the gathered descriptions."""
         self.arm, self.probe, self.gauge = self.descriptions.read()
-        self.streams.joint_names = self.arm.joint_names
+        self.streams.of_joints(self.arm.joint_names)
 
     def listen(self) -> None:
         """Take in joint states and probe readings from now on."""
@@ -129,15 +129,15 @@ class CaptureNode(Node):
         missing = [joints] if (joints := self.streams.missing_joints()) else []
         if not self.led and not self.commanding.heard():
             missing.append(f'an arm that listens to {self.commanding.where}')
-        if not self.streams.heard(PROBE_DISPLACEMENTS):
+        if not self.streams.has_readings:
             missing.append(PROBE_DISPLACEMENTS.name)
         return ', '.join(missing)
 
     def without_readings(self) -> bool:
         """Whether the probe is a ball or a seat of which no node tells anything."""
-        told = self.streams.heard(PROBE_DISPLACEMENTS)
-        silent = not told and not self.count_publishers(PROBE_DISPLACEMENTS.relative)
-        return silent and isinstance(self.probe, PassiveProbe)
+        if self.streams.has_readings or self.count_publishers(PROBE_DISPLACEMENTS.relative):
+            return False
+        return isinstance(self.probe, PassiveProbe)
 
     @property
     def known_probe(self) -> Probe:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rclpy.executors import Executor
+from rclpy.task import Future
 
 from calib_capture.measuring import RunError, SourceError, Tally
 from calib_capture.nodes.capture.graph import TICK, CaptureNode
@@ -49,6 +50,7 @@ class CaptureRun(ABC):
         self._showing = showing
         self.tally: Tally | HandGuidedTally | TakenTally = Tally(0)
         self._told = 0.0
+        self._never: Future = Future()  # all messages of a tick, one after the other
 
     def __call__(self) -> str:
         """Do it; returns the summary.
@@ -69,8 +71,8 @@ class CaptureRun(ABC):
         """What comes of it once arm, probe and gauge can be described; the summary."""
 
     def _spin(self) -> None:
-        """Let messages in."""
-        self._executor.spin_once(timeout_sec=TICK)
+        """Let messages in, for a while."""
+        self._executor.spin_until_future_complete(self._never, timeout_sec=TICK)
 
     def _wait_for(self, missing: Callable[[], str]) -> None:
         """Spin until nothing is missing."""

@@ -8,14 +8,20 @@ from collections.abc import Callable, Sequence
 
 from calib_interfaces.msg import StylusDisplacements
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from calib_capture.measuring import SourceError
 from calib_capture.nodes.arm_commander import node_names
 from calib_capture.nodes.capture.descriptions import Descriptions
-from calib_capture.recording import Numbered, Origin, Publishers, several
-from calib_model.nodes import joints_of, qos_of, stamp_of
+from calib_capture.recording import (
+    JointStateReader,
+    Numbered,
+    Origin,
+    Publishers,
+    read_reading,
+    several,
+)
+from calib_model.nodes import qos_of
 from calib_model.pairing import JointSample, Reading
 from calib_model.topics import JOINT_STATES, PROBE_DISPLACEMENTS, Topic
 
@@ -27,6 +33,25 @@ Message = JointSample | Reading
 Receiver = Callable[[Message, bytes, Origin], None]
 
 
+class Stream:
+    """One of both: who publishes it, and when it was `heard` last (s), 0 before."""
+
+    def __init__(self, topic: Topic, descriptions: Descriptions) -> None:
+        self.topic, self._descriptions = topic, descriptions
+        self.publishers = Publishers()
+        self.heard = 0.0
+
+    def see(self, number: int | None, now: float) -> Origin:
+        """One more message, of that number, that has come `now` (s): of whom; unsure while a
+        publisher that was started anew, perhaps with something else, may still have to describe
+        it."""
+        self.heard = now
+        origin, left = self.publishers.see(number, now), self.publishers.left(now)
+        if origin is not Origin.ONE or left is None:
+            return origin
+        return Origin.UNSURE if self._descriptions.told_before(self.topic, left) else origin
+
+
 class Streams:
     """Hands each message of both streams to `receiver`, with its CDR bytes and what is known of who
     published it. Without a receiver they are dropped, or kept for the next one where it `keeps`
@@ -35,13 +60,18 @@ class Streams:
 
     def __init__(self, node: Node, descriptions: Descriptions, keeps: bool) -> None:
         self._node, self._descriptions, self._keeps = node, descriptions, keeps
-        self._origins = {JOINT_STATES: Publishers(), PROBE_DISPLACEMENTS: Publishers()}
-        self._heard = dict.fromkeys(self._origins, 0.0)
+        self._joints = Stream(JOINT_STATES, descriptions)
+        self._readings = Stream(PROBE_DISPLACEMENTS, descriptions)
+        self._both = (self._joints, self._readings)
         self._kept: list[tuple[Message, bytes, Origin]] = []
         self._listening = False
         self._receiver: Receiver | None = None
         self.watch: Callable[[Message], None] | None = None
-        self.joint_names: Sequence[str] = ()
+        self.of_joints(())
+
+    def of_joints(self, names: Sequence[str]) -> None:
+        """These joints are taken from the joint states."""
+        self._names, self._reader = names, JointStateReader(names)
 
     def listen(self, led: bool) -> None:
         """Take in both from now on, of an arm that is `led` by hand or commanded."""
@@ -72,32 +102,32 @@ class Streams:
         """What was kept is of no use."""
         self._kept.clear()
 
-    def heard(self, topic: Topic) -> bool:
-        """Whether a stream has begun."""
-        return bool(self._heard[topic])
+    @property
+    def has_readings(self) -> bool:
+        """Whether a reading has come."""
+        return bool(self._readings.heard)
 
     def missing_joints(self) -> str:
         """The joint states, until one has come."""
-        names = ', '.join(self.joint_names)
-        return '' if self.heard(JOINT_STATES) else f'{JOINT_STATES.name} with {names}'
+        return '' if self._joints.heard else f'{JOINT_STATES.name} with {", ".join(self._names)}'
 
     def silent(self) -> str:
         """The streams from which nothing comes any more, and since when; empty when all do."""
         now = time.monotonic()
         return ', '.join(
-            f'{topic.name}, silent for {now - heard:.0f} s'
-            for topic, heard in self._heard.items()
-            if heard and now - heard > SILENT
+            f'{each.topic.name}, silent for {now - each.heard:.0f} s'
+            for each in self._both
+            if each.heard and now - each.heard > SILENT
         )
 
     def lost(self) -> dict[str, int]:
         """How many messages of each did not arrive since they were counted anew."""
-        return {topic.name: origin.lost for topic, origin in self._origins.items()}
+        return {each.topic.name: each.publishers.lost for each in self._both}
 
     def count_anew(self) -> None:
         """From now on."""
-        for origin in self._origins.values():
-            origin.lost = 0
+        for each in self._both:
+            each.publishers.lost = 0
 
     def refuse_several(self) -> None:
         """Nothing, while each stream comes from one publisher.
@@ -105,49 +135,26 @@ class Streams:
         Raises:
             SourceError: one comes from several; names the nodes.
         """
-        for topic, origin in self._origins.items():
-            if origin.origin is Origin.SEVERAL:
-                origin.forget()  # the next goal finds out anew
-                raise SourceError(several(topic.name, self.publishers_of(topic)))
+        for each in self._both:
+            if each.publishers.origin is Origin.SEVERAL:
+                each.publishers.forget()  # the next goal finds out anew
+                raise SourceError(several(each.topic.name, self.publishers_of(each.topic)))
 
     def publishers_of(self, topic: Topic) -> str:
         """The nodes that publish a topic."""
         return node_names(lambda: self._node.get_publishers_info_by_topic(topic.relative))
 
-    def _origin(self, topic: Topic, number: int | None, now: float) -> Origin:
-        """Of the message of that number; unsure while a publisher that was started anew, perhaps
-        with something else, may still have to describe it."""
-        publishers = self._origins[topic]
-        origin, left = publishers.see(number, now), publishers.left(now)
-        if (
-            origin is Origin.ONE
-            and left is not None
-            and self._descriptions.told_before(topic, left)
-        ):
-            return Origin.UNSURE
-        return origin
-
     def _on_joints(self, raw: bytes, number: int | None) -> None:
-        state = deserialize_message(raw, JointState)
-        joints = joints_of(state, self.joint_names)
-        if joints is None:
-            self._origins[JOINT_STATES].pass_by(number)
+        sample = self._reader.read(raw)
+        if sample is None:
+            self._joints.publishers.pass_by(number)
             return
-        now = time.monotonic()
-        origin = self._origin(JOINT_STATES, number, now)
-        self._heard[JOINT_STATES] = now
-        self._take(JointSample(stamp_of(state.header), joints), raw, origin)
+        self._take(sample, raw, self._joints.see(number, time.monotonic()))
 
     def _on_reading(self, raw: bytes, number: int | None) -> None:
-        now = time.monotonic()
-        self._heard[PROBE_DISPLACEMENTS] = now
-        origin = self._origin(PROBE_DISPLACEMENTS, number, now)
-        if self._receiver is None and self.watch is None and not self._keeps:
-            return
-        message = deserialize_message(raw, StylusDisplacements)
-        first, second, third = message.status.tolist()
-        reading = Reading(stamp_of(message.header), message.displacement, (first, second, third))
-        self._take(reading, raw, origin)
+        origin = self._readings.see(number, time.monotonic())
+        if self._receiver is not None or self.watch is not None or self._keeps:
+            self._take(read_reading(raw), raw, origin)
 
     def _take(self, message: Message, raw: bytes, origin: Origin) -> None:
         if self.watch is not None and origin is Origin.ONE:
