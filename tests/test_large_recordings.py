@@ -21,7 +21,7 @@ from calib_model.bags import read_measurement
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'ros2_ws/src/calib_bringup/config'
 WHICH = ('--locations', '1', '2', '3', '4', '--spheres', '1', '6', '10', '14')
-LED = ('--raw', '--probe', 'active', *WHICH, '--speed', '0.053')
+LED = ('--raw', '--probe', 'active', *WHICH, '--speed', '0.035')
 #: MiB that a process holds at most; imports alone take a quarter of a short recording's
 MOST = 1024 if SOAK else 500
 LINEAR = 1.3  # s of the CPU per byte, against those of a quarter of the recording

@@ -16,7 +16,14 @@ from threading import current_thread, main_thread
 from typing import Any, NoReturn
 
 from calib_model.errors import CalibrationError
-from calib_model.starting import ENDING, INTERRUPTED, begun, end_at_the_latest, handle
+from calib_model.starting import (
+    ENDING,
+    INTERRUPTED,
+    begun,
+    end_at_the_latest,
+    handle,
+    interrupt,
+)
 
 BAD_INPUT = 2
 #: objects more than were given back, after which Python looks for garbage
@@ -168,20 +175,20 @@ def _end_as_by_ctrl_c() -> list[int]:
     if current_thread() is not main_thread():
         return told  # a test's: signals are the main thread's
 
-    def interrupt(number: int, frame: object) -> None:
+    def end(number: int, frame: object) -> None:
         # what is torn down then is torn down once
         for one in ENDING:
             signal.signal(one, signal.SIG_IGN)
         end_at_the_latest(INTERRUPTED)
         told.append(number)
-        raise KeyboardInterrupt
+        interrupt()
 
     if begun():
-        handle(interrupt)
+        handle(end)
         return told
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is signal.SIG_DFL:
-            signal.signal(number, interrupt)
+            signal.signal(number, end)
     return told
 
 

@@ -14,7 +14,8 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FrameType
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -67,6 +68,37 @@ def handle(handler: Callable[[int, FrameType | None], None] | signal.Handlers) -
     for number in ENDING:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, handler)
+
+
+class _HeldBack:
+    """How often the main thread is in `held_back`, and whether an interrupt waits for its end."""
+
+    depth = 0
+    waiting = False
+
+
+@contextmanager
+def held_back() -> Iterator[None]:
+    """Let an interrupt wait until this is over: for what takes moments and leaves something behind
+    when it is cut. Other threads are not interrupted anyway."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    _HeldBack.depth += 1
+    try:
+        yield
+    finally:
+        _HeldBack.depth -= 1
+        if _HeldBack.waiting and not _HeldBack.depth:
+            _HeldBack.waiting = False
+            raise KeyboardInterrupt
+
+
+def interrupt() -> None:
+    """Raise KeyboardInterrupt in the main thread, as soon as nothing is held back."""
+    if not _HeldBack.depth:
+        raise KeyboardInterrupt
+    _HeldBack.waiting = True
 
 
 def end_at_the_latest(code: int) -> None:

@@ -17,6 +17,7 @@ from threading import get_native_id
 from typing import IO
 
 from calib_model.files.open_folders import FOLDER, OTHERS, is_others, reach
+from calib_model.starting import held_back
 
 # a pipe that nobody writes to would be waited for
 _READ = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
@@ -191,6 +192,7 @@ class HeldFolder:
             raise
         return stream
 
+    @held_back()
     def write_together(self, texts: Mapping[str, bytes]) -> None:
         """Write files that belong together: none takes its place before all are on disk. What one
         that was killed left of them is removed.

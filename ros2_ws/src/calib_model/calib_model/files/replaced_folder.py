@@ -19,6 +19,7 @@ from calib_model.errors import BagError
 from calib_model.files.folder_lock import FolderLock
 from calib_model.files.held_folder import HeldFolder, is_there, part_name, whole_name
 from calib_model.files.open_folders import NotPermittedError, refuse_too_long
+from calib_model.starting import held_back
 
 _EXCHANGE = 2  # RENAME_EXCHANGE of renameat2(2)
 
@@ -55,13 +56,17 @@ def working_folder(
         OSError: it cannot be made.
     """
     remove_dead_folders(above, name, known)
-    part = _new_part(above, part_name(name), mode)
+    part = None
     try:
+        with held_back():
+            part = _new_part(above, part_name(name), mode)
         yield part
     finally:
-        if _leads_to(above, part.path.name, part):
-            above.remove_tree(part.path.name)
-        part.close()
+        with held_back():
+            if part is not None:
+                if _leads_to(above, part.path.name, part):
+                    above.remove_tree(part.path.name)
+                part.close()
 
 
 def remove_dead_folders(above: HeldFolder, name: str, known: Collection[str] = ()) -> None:
@@ -112,6 +117,7 @@ def refuse_unwritable(path: str | Path, known: Collection[str]) -> None:
                 held.refuse_other_than_a_file(name)
 
 
+@held_back()
 def replace_set(path: str | Path, contents: Mapping[str, bytes], known: Collection[str]) -> None:
     """Make `contents` the files of the folder at `path`, of all the names that are `known`: those
     which have no content are taken away. Others stay as they are.
