@@ -80,3 +80,16 @@ def test_a_line_on_a_terminal_never_wraps():
     shown = line.removesuffix('\x1b[K')
     assert len(shown) < 80
     assert shown.startswith('[........] 7/1680, 1.0 h left, location 12, sphere 14')
+
+
+def test_progress_is_a_bar_on_a_terminal_and_lines_elsewhere():
+    terminal, file = Terminal(), io.StringIO()
+    for stream in (terminal, file):
+        progress = Progress(stream)
+        progress.show(5, 10, 90.0, 'location 1, sphere 6', 0.0)
+        progress.show(6, 10, 80.0, 'location 1, sphere 6', 0.01)  # too soon to be read
+        progress.say('done')
+    assert '[###############...............] 5/10, 1 min 30 s left' in terminal.getvalue()
+    assert '6/10' not in terminal.getvalue()
+    assert terminal.getvalue().endswith('\r\x1b[Kdone\n')
+    assert file.getvalue() == '5 of 10 poses, 1 min 30 s left, location 1, sphere 6\ndone\n'
