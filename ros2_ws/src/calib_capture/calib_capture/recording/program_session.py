@@ -82,7 +82,8 @@ class ProgramSession:
         self._newest[1], self._fresh[1] = reading.stamp, now
         if self._estimate is not None:
             self._estimate.see_reading(reading)
-        self._go_on(self.pairing.add_reading(reading), now)
+        if outcomes := self.pairing.add_reading(reading):  # else it changes nothing
+            self._go_on(outcomes, now)
 
     def start_over(self, topic: Topic) -> None:
         """A message has come that may be of another arm or probe than the bag's: it is left out of
@@ -196,8 +197,7 @@ class ProgramSession:
             raise RunError(f'{error}{apart(*self._newest)}') from error
 
     def _go_on(self, outcomes: list[Outcome], now: float) -> None:
-        if outcomes:
-            self._take(outcomes, now)
+        self._take(outcomes, now)
         waits = self._halting or self._stale(now)
         trajectory = None if waits else self.run.next_trajectory(now)
         if trajectory is not None:

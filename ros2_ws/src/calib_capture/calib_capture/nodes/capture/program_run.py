@@ -91,8 +91,12 @@ class ProgramRun(CaptureRun):
         carrying = Carrying(node.interventions, self._watcher.say)
         if node.asked.run.carried and len(session.run.to_come) > 1 and session.awaits is None:
             self._watcher.say(f'the bar is to stand at location {session.run.to_come[0]}')
-        while not (session.finished or stopped or node.failure):
-            self._spin()
+
+        def over() -> bool:
+            return session.finished or node.failure is not None or node.interventions.stop
+
+        while not (over() or stopped):
+            self._spin(over)
             self._remind()
             self._watcher.show(session)
             self._showing.progress(session)
@@ -101,8 +105,8 @@ class ProgramRun(CaptureRun):
             self._tell_ended(session)
             if carrying.done(session):
                 self._go_on(session, there, carrying)
-            stopped = self._watcher.stopped() or node.interventions.stop
-        return stopped
+            stopped = self._watcher.stopped()
+        return stopped or node.interventions.stop
 
     def _tell_ended(self, session: ProgramSession) -> None:
         """Say of each location what came of it, when it is done with."""

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rclpy.executors import Executor
-from rclpy.task import Future
 
 from calib_capture.measuring import RunError, SourceError, Tally
 from calib_capture.nodes.capture.graph import TICK, CaptureNode
@@ -50,7 +49,6 @@ class CaptureRun(ABC):
         self._showing = showing
         self.tally: Tally | HandGuidedTally | TakenTally = Tally(0)
         self._told = 0.0
-        self._never: Future = Future()  # all messages of a tick, one after the other
 
     def __call__(self) -> str:
         """Do it; returns the summary.
@@ -70,9 +68,13 @@ class CaptureRun(ABC):
     def _captured(self) -> str:
         """What comes of it once arm, probe and gauge can be described; the summary."""
 
-    def _spin(self) -> None:
-        """Let messages in, for a while."""
-        self._executor.spin_until_future_complete(self._never, timeout_sec=TICK)
+    def _spin(self, until: Callable[[], bool] = lambda: False) -> None:
+        """Let messages in for a tick, or until something is so after one of them."""
+        now = time.monotonic()
+        end = now + TICK
+        while now < end and not until():
+            self._executor.spin_once(timeout_sec=end - now)
+            now = time.monotonic()
 
     def _wait_for(self, missing: Callable[[], str]) -> None:
         """Spin until nothing is missing."""
