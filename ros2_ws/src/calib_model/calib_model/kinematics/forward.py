@@ -35,15 +35,24 @@ class JointFrame:
 
 def joint_frames(arm: Arm, q: Array) -> Iterator[JointFrame]:
     """The frames of eq. 2, joint by joint from the base, for postures q (N, n)."""
+    for before, z_joint, x, axes, after in _passed_through(arm, q):
+        rotation = np.array(axes).transpose(2, 1, 0)
+        origin_joint, z = (np.broadcast_to(each, after.shape).T for each in (before, z_joint))
+        yield JointFrame(origin_joint, z, x.T, rotation, after.T)
+
+
+def _passed_through(
+    arm: Arm, q: Array
+) -> Iterator[tuple[Array, Array, Array, tuple[Array, ...], Array]]:
+    """Of each joint its origin, its axis and the common normal, then the axes x, y, z and the
+    origin of the frame behind it, all (3, N): what is done to all poses at once lies side by side.
+    Of the first joint, which is where it is in all postures, origin and axis are (3, 1)."""
     turns, slides = _turns_and_slides(arm, q)
     a, alpha, _, _, beta = arm.geometry
     tilts = zip(np.cos(alpha).tolist(), np.sin(alpha).tolist(), strict=True)
     bends = zip(np.cos(beta).tolist(), np.sin(beta).tolist(), strict=True)
-    # (3, N), so that what is done to all poses at once lies side by side
-    x_before, y_before, z_before = (
-        np.repeat(axis[:, None], turns.shape[1], axis=1) for axis in arm.base_T_dh.rotation.T
-    )
-    origin = np.repeat(arm.base_T_dh.translation[:, None], turns.shape[1], axis=1)
+    x_before, y_before, z_before = arm.base_T_dh.rotation.T[:, :, None]
+    origin = arm.base_T_dh.translation[:, None]
     for cosine, sine, slide, length, (cos_alpha, sin_alpha), (cos_beta, sin_beta) in zip(
         np.cos(turns), np.sin(turns), slides, a.tolist(), tilts, bends, strict=True
     ):
@@ -55,8 +64,7 @@ def joint_frames(arm: Arm, q: Array) -> Iterator[JointFrame]:
         if sin_beta != 0.0:
             axes = (cos_beta * x - sin_beta * z, y, sin_beta * x + cos_beta * z)
         after = origin + slide * z_before + length * x
-        rotation = np.array(axes).transpose(2, 1, 0)
-        yield JointFrame(origin.T, z_before.T, x.T, rotation, after.T)
+        yield origin, z_before, x, axes, after
         (x_before, y_before, z_before), origin = axes, after
 
 
@@ -81,12 +89,13 @@ def forward_kinematics(arm: Arm, q: Array) -> Array:
     flange = arm.dh_T_flange
     for first in range(0, len(q), BLOCK):
         block = slice(first, first + BLOCK)
-        *_, last = joint_frames(arm, q[block])
+        *_, (_, _, _, axes, after) = _passed_through(arm, q[block])
+        rotation, origin = np.array(axes).transpose(2, 1, 0), after.T
         if flange.is_identity:
-            matrices[block, :3, :3], matrices[block, :3, 3] = last.rotation, last.origin
+            matrices[block, :3, :3], matrices[block, :3, 3] = rotation, origin
         else:
-            matrices[block, :3, :3] = last.rotation @ flange.rotation
-            matrices[block, :3, 3] = last.origin + last.rotation @ flange.translation
+            matrices[block, :3, :3] = rotation @ flange.rotation
+            matrices[block, :3, 3] = origin + rotation @ flange.translation
     return matrices
 
 
