@@ -11,6 +11,7 @@ if TYPE_CHECKING:
         PoseNoise as PoseNoise,
         error_shares as error_shares,
         positions_moved as positions_moved,
+        variances_of as variances_of,
     )
     from calib_solver.fitting.levenberg_marquardt import (
         Fit as Fit,

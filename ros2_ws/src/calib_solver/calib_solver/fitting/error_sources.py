@@ -93,8 +93,6 @@ def error_shares(problem: Problem, solver: Solver, fit: Fit, misfit: float) -> E
 def _pose_noise(problem: Problem, solver: Solver, full: Array) -> PoseNoise:
     """Variances of point and joints that explain the squared residuals about the spheres' means,
     by non-negative least squares, each weighted by what is expected of it."""
-    from scipy.optimize import nnls  # loads long, and only what is written needs it
-
     sums = solver.sums(problem, solver.offsets(full))
     count, free = problem.counts, len(solver.table.free_columns)
     freedom = 3 * int(np.maximum(count - 1, 0).sum()) - free
@@ -109,16 +107,26 @@ def _pose_noise(problem: Problem, solver: Solver, full: Array) -> PoseNoise:
         moved = positions_moved(problem, solver.table, jacobian).reshape(-1, n)
         expected.append(np.concatenate([np.ones((len(moved), 1)), moved**2], axis=1))
     known = np.concatenate(squares) * 3 * len(of_pose) / freedom
-    design = np.concatenate(expected)
+    variance = variances_of(known, np.concatenate(expected))
+    return PoseNoise(float(variance[0]), variance[1:], freedom)
+
+
+def variances_of(squares: Array, design: Array) -> Array:
+    """The variances (K,), none below zero, of which squared residuals (R,) are `design` (R, K)
+    times on average; each residual weighted by what is expected of it."""
+    from scipy.optimize import nnls  # loads long, and only what is written needs it
+
+    size = max(float(squares.mean()), 1e-300)  # nnls' tolerance is absolute
+    squares = squares / size
     scale = np.linalg.norm(design, axis=0)
     scale[scale == 0] = 1.0
-    variance, weight = np.zeros(n + 1), np.ones(len(known))
+    variance, weight = np.zeros(design.shape[1]), np.ones(len(squares))
     for _ in range(ROUNDS):
-        variance = nnls(weight[:, None] * design / scale, weight * known)[0] / scale
+        variance = nnls(weight[:, None] * design / scale, weight * squares)[0] / scale
         told = design @ variance
         weight = 1 / np.maximum(told, max(LEAST * told.mean(), 1e-300))
         weight /= weight.max()
-    return PoseNoise(float(variance[0]), variance[1:], freedom)
+    return size * variance
 
 
 def positions_moved(problem: Problem, table: ParameterTable, jacobian: Array) -> Array:

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
         Places as Places,
         motions as motions,
     )
+    from calib_solver.points.point_noise import (
+        moved_by_joints as moved_by_joints,
+    )
     from calib_solver.points.point_sums import (
         point_slopes as point_slopes,
     )

@@ -196,7 +196,7 @@ def _judged(
         observe(solver.table, fit, solver.scale),
         uncertainty,
         covariance,
-        whole.weighed(problem.turn_weight).normal,
+        whole,
         turn,
         assess_points(problem, before, nominal),
         assess_points(problem, flange_of(problem, arm, model), places),

@@ -20,18 +20,18 @@ from calib_solver.fitting import (
     Observability,
     Options,
     ParameterEstimate,
-    PoseNoise,
     Uncertainty,
     Workspace,
     drawn_postures,
     estimates_of,
-    full_inverse,
     prior_width,
 )
 from calib_solver.left_out import LeftOut
 from calib_solver.points.gross_errors import RejectedPoint
 from calib_solver.points.place_shares import PlaceShares
 from calib_solver.points.places import Places
+from calib_solver.points.point_noise import PointNoise, gradient_covariance, point_noise
+from calib_solver.points.point_sums import PointSums
 from calib_solver.points.problem import FLANGE, PointProblem
 from calib_solver.points.quality import (
     PointQuality,
@@ -58,7 +58,7 @@ class PointIdentification:
     """A solved calibration by points: as `Identification`, of targets and stations besides.
 
     `covariance` (F + P, F + P) is that of the free parameters and of all places' small motions,
-    `normal` their J'J, without the prior's share;
+    `sums` are those of all points there, without the prior's share;
     `turn_noise`, rad, a rotation's standard deviation, None where there are none. `initial` and
     `identified` are the quality before and after, `choice_12` is what came of eq. 12 and
     `corrected` the quality with that where it was accepted.
@@ -73,7 +73,7 @@ class PointIdentification:
     observability: Observability
     uncertainty: Uncertainty
     covariance: Array
-    normal: Array
+    sums: PointSums
     turn_noise: float | None
     initial: PointQuality
     identified: PointQuality
@@ -118,25 +118,45 @@ class PointIdentification:
     def error_shares(self) -> ErrorShares:
         """Where the error of the free parameters comes from, targets and stations at their best."""
         solver, fit = PointSolver(self.table, self.options), self.fit
-        normal, noise = fit.quadratic.normal, self.uncertainty.noise**2
-        inverse, rank = full_inverse(normal + np.diag(fit.kappa * solver.information))
         strength = solver.options.prior.strength * solver.wider(fit) ** 2
-        freedom = max(int(fit.quadratic.terms) - rank, 0)
+        places, free = self.place_shares, len(fit.x)
         return ErrorShares(
-            noise * inverse @ normal @ inverse,
-            np.zeros((len(fit.x), 0)),
-            inverse @ normal - np.eye(len(fit.x)),
+            places.noise[:free, :free],
+            np.zeros((free, 0)),
+            places.prior[:free],
             prior_width(solver.information, strength),
-            PoseNoise(noise, np.zeros(self.arm.n), freedom),
+            self.noise.poses,
+        )
+
+    @cached_property
+    def noise(self) -> PointNoise:
+        """What makes the points scatter."""
+        prior = self.fit.kappa * self.options.prior.information(self.table)
+        return point_noise(
+            self.problem,
+            self.table,
+            self.full,
+            self.identified,
+            self.sums,
+            prior,
+            self.uncertainty.noise**2,
         )
 
     @cached_property
     def place_shares(self) -> PlaceShares:
         """Where the errors of targets and stations come from."""
         weighed = self.fit.kappa * self.options.prior.information(self.table)
-        noise, problem = self.uncertainty.noise**2, self.problem
+        problem, table = self.problem, self.table
+        gradient = gradient_covariance(
+            problem, table, self.full, self.places, self.sums, self.noise
+        )
         return PlaceShares.of(
-            self.normal, weighed, noise, problem.targets, problem.stations, problem.unit_sigma
+            self.sums.weighed(problem.turn_weight).normal,
+            weighed,
+            gradient,
+            problem.targets,
+            problem.stations,
+            problem.unit_sigma,
         )
 
     @property

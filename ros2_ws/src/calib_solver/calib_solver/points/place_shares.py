@@ -15,11 +15,13 @@ from calib_solver.fitting import full_inverse
 @dataclass(frozen=True)
 class StationShare:
     """A station's motion (6,), m and rad, is off by `along` (6, G) times the errors of parameters
-    and targets, and by noise of its own points, of covariance `own` (6, 6)."""
+    and targets, and by what its own points are off, of covariance `own` (6, 6); `common` (G, 6) is
+    that of the errors of parameters and targets with the latter."""
 
     number: int
     along: Array
     own: Array
+    common: Array
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,8 @@ class PlaceShares:
     """The errors of G = F + 6 K columns: the free parameters and small motions of K targets.
 
     `noise` (G, G): covariance by what single points are off; the true parameters being off nominal
-    by b (F,) makes an error of `prior` (G, F) times b. Given these, stations err independently.
+    by b (F,) makes an error of `prior` (G, F) times b. What stations' own points are off is
+    independent from station to station.
     `unit_sigma`, m, is what was stated of a point that scatters as all is said to here, 0 where
     nothing was.
     """
@@ -43,25 +46,32 @@ class PlaceShares:
         cls,
         normal: Array,
         information: Array,
-        noise: float,
+        gradient: Array,
         targets: tuple[str, ...],
         stations: tuple[int, ...],
         unit_sigma: float,
     ) -> PlaceShares:
         """From J'J (F + 6 K + 6 S) of all columns, what the prior weighs (F,) beside it, and the
-        variance of a coordinate, m^2."""
+        covariance of the gradient by what the points are off."""
         free = len(information)
         known = free + 6 * len(targets)
-        left, found = normal[:known, :known].copy(), []
+        left, scatter = normal[:known, :known].copy(), gradient[:known, :known].copy()
+        told: list[tuple[int, Array, Array, Array, Array]] = []
         for row, number in enumerate(stations):
             own = slice(known + 6 * row, known + 6 * row + 6)
             inverse = full_inverse(normal[own, own])[0]
             along = -inverse @ normal[own, :known]
             left += normal[:known, own] @ along
-            found.append(StationShare(number, along, noise * inverse))
+            # the gradient with the station at its best, and how it goes with the station's own
+            common = gradient[:known, own] + along.T @ gradient[own, own]
+            scatter += along.T @ gradient[own, :known] + common @ along
+            told.append((number, along, inverse, gradient[own, own], common))
         held = left.copy()
         held[np.arange(free), np.arange(free)] += information
         inverse = full_inverse(held)[0]
         prior = (inverse @ left)[:, :free] - np.eye(known, free)
-        noise_share = noise * inverse @ left @ inverse
-        return cls(targets, noise_share, prior, tuple(found), unit_sigma)
+        found = tuple(
+            StationShare(number, along, of_own @ own @ of_own, inverse @ common @ of_own)
+            for number, along, of_own, own, common in told
+        )
+        return cls(targets, inverse @ scatter @ inverse, prior, found, unit_sigma)

@@ -161,7 +161,7 @@ def accumulate_points_compiled(
             if square is None:
                 continue
             for row, whole in zip(order[some[:-1]], square, strict=True):
-                _take(sums[fold[row]], kind, whole, _own(problem, free, problem.part[row]))
+                _take(sums[fold[row]], kind, whole, own_columns(problem, free, problem.part[row]))
     trusted = problem.trust[:, None] * (np.stack(_weights(problem), axis=1) > 0)
     for number, one in enumerate(sums):
         one.count[:] = 3 * trusted[fold == number].sum(axis=0)
@@ -183,8 +183,8 @@ def _take(sums: PointSums, kind: int, whole: Array, own: IntArray) -> None:
     sums.normal[kind][np.ix_(own, own)] += whole[:-1, :-1]
 
 
-def _own(problem: PointProblem, free: int, part: int) -> IntArray:
-    """The columns that a part's points have."""
+def own_columns(problem: PointProblem, free: int, part: int) -> IntArray:
+    """The columns that a part's points have, of `free` parameters and of its places."""
     return np.concatenate([np.arange(free), free + columns_of(problem, part)])
 
 
@@ -210,7 +210,7 @@ def accumulate_points_by(
         slopes = slopes_of(block)
         for part in problem.parts_of(block):
             within = problem.part[block] == part
-            own = _own(problem, free, part)
+            own = own_columns(problem, free, part)
             for number in range(count):
                 taken = np.flatnonzero(
                     within if folds is None else within & (folds[block] == number)

@@ -105,6 +105,7 @@ def _places_record(places: PlaceShares | None, times: float) -> dict[str, Any] |
                 'station': one.number,
                 'along': one.along.tolist(),
                 'own': (times * one.own).tolist(),
+                'common': (times * one.common).tolist(),
             }
             for one in places.stations
         ],
@@ -180,7 +181,10 @@ def _places(record: dict[str, Any] | None, free: int) -> PlaceShares | None:
     size = free + 6 * len(targets)
     stations = tuple(
         StationShare(
-            int(one['station']), _matrix(one, 'along', (6, size)), _matrix(one, 'own', (6, 6))
+            int(one['station']),
+            _matrix(one, 'along', (6, size)),
+            _matrix(one, 'own', (6, 6)),
+            _matrix(one, 'common', (size, 6)) if 'common' in one else np.zeros((size, 6)),
         )
         for one in record['stations']
     )
