@@ -150,7 +150,7 @@ def test_points_of_a_standing_arm_are_recorded_and_identified_from(
     taken = sum(' taken: ' in line for line in told)
     # on a busy machine a state may come so late that a point is refused
     assert taken > 1.5 * POSTURES
-    assert told[-1].startswith(f'{taken} points of 2 targets from 1 stations; ')
+    assert told[-1].startswith(f'{taken} points of 2 targets from 1 station; ')
 
     measured = read_points(tmp_path / 'bag')
     assert len(measured.points) == taken

@@ -71,7 +71,8 @@ class PointTally:
         """Counts in words."""
         stations, targets = ({place[i] for place in self.taken} for i in (0, 1))
         text = (
-            f'{self.taken.total()} points of {len(targets)} targets from {len(stations)} stations'
+            f'{_counted(self.taken.total(), "point")} of {_counted(len(targets), "target")} from '
+            f'{_counted(len(stations), "station")}'
         )
         if self.refused:
             reasons = ', '.join(f'{reason} {n}' for reason, n in self.refused.most_common())
@@ -212,6 +213,10 @@ class PointSession:
     def _refuse(self, point: TrackedPoint, reason: str) -> None:
         self.tally.refused[reason] += 1
         self._say(f'refused: {_named(point)}: {reason}')
+
+
+def _counted(number: int, name: str) -> str:
+    return f'{number} {name}{"" if number == 1 else "s"}'
 
 
 def _named(point: TrackedPoint) -> str:

@@ -84,7 +84,7 @@ def test_points_get_the_mean_posture_of_the_stop_they_were_measured_in(bench):
     assert points.oriented.tolist() == [False, False, True]
     np.testing.assert_allclose(points.joints[:2], [HERE, HERE], atol=5e-5)
     np.testing.assert_allclose(points.joints[2], THERE, atol=1e-12)
-    assert bench.session.tally.line() == '3 points of 2 targets from 1 stations'
+    assert bench.session.tally.line() == '3 points of 2 targets from 1 station'
 
 
 @pytest.mark.parametrize('moment', [1.2, 1.5, 1.95, 2.2])

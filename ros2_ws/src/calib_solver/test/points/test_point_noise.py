@@ -8,9 +8,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+from simulated_calibration import kr5, on_a_rail
 from simulated_points import Tracked, tracked
 
 from calib_model.arrays import Array
+from calib_model.instruments import Arm
 from calib_solver.acceptance.point_prediction import _Placed
 from calib_solver.fitting import NO_PRIOR, Options
 from calib_solver.points import Flange, PointIdentification, identify_points
@@ -56,12 +58,13 @@ def test_a_tracker_that_scatters_alike_is_found_to_do_so():
     assert by_joints < 0.3 * noise.point
 
 
-def test_points_move_with_the_readings_as_is_said():
-    done = scattered(True)
-    problem, rows = done.problem, np.arange(0, 900, 41)
+@pytest.mark.parametrize('arm', [kr5(), on_a_rail()], ids=['revolute', 'rail and coupled axis'])
+def test_points_move_with_the_readings_as_is_said(arm: Arm):
+    done = identify_points(tracked(46, 60, 1, 1, True, NOISE, 1e-4, arm=arm).measured, PLAIN)
+    problem, rows = done.problem, np.arange(0, 60, 5)
     moved, turned = moved_by_joints(problem, done.table, done.full, done.places, rows)
-    for joint in range(6):
-        step = 1e-6 * (np.arange(6) == joint)
+    for joint in range(arm.n):
+        step = 1e-6 * (np.arange(arm.n) == joint)
         ends = [
             Flange.of(replace(problem, joints=problem.joints + side * step), done.table, done.full)
             for side in (1, -1)
