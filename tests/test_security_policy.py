@@ -19,6 +19,10 @@ NODES = {
     'arm': ('calib_capture.nodes.arm_node', ['--ros-args', '-p', 'time_scale:=0.0']),
     'probe': ('selfcenter_probe.nodes.probe_node', []),
     'capture': ('calib_capture.nodes.capture_node', ['--ros-args', '-p', 'serve:=true']),
+    'capture_points': (
+        'calib_capture.nodes.points_node',
+        ['--ros-args', '-p', 'output:={folder}/points'],
+    ),
     'solver': ('calib_solver.nodes.solver_node', []),
 }
 #: what an action is made of
@@ -41,6 +45,7 @@ def seen(tmp_path_factory) -> dict[str, set[Right]]:
         with Children() as children:
             for name, (module, given) in NODES.items():
                 log = folder / f'{name}.log'
+                given = [word.format(folder=folder) for word in given]
                 children.start(Child(name, module, given, graph_environment(domain), log))
             return settled(watcher)
     finally:
