@@ -34,3 +34,12 @@ def median(values: Array) -> Array:
     ends = np.partition(values, (middle - 1, middle), axis=0)[middle - 1 : middle + 1]
     even: Array = ends.mean(axis=0)
     return even
+
+
+def largest_steps(values: Array, over: int = 1) -> Array:
+    """The largest change (N - over,) of any column between rows of values (N, k) that are `over`
+    apart: column by column, as all at once takes three times the memory that the values do."""
+    found = np.zeros(max(len(values) - over, 0))
+    for column in values.T:
+        np.maximum(found, np.abs(column[over:] - column[:-over]), out=found)
+    return found

@@ -19,7 +19,7 @@ from calib_capture.replaying.raw_recording import read_recording
 from calib_model.errors import BagError
 from calib_model.labelling import SphereFinder
 from calib_model.measurement import Measurement, ProbingSet
-from calib_model.pairing import BRIDGED, OUT_OF_ORDER, ClockOffset, Gaps, pair_readings
+from calib_model.pairing import BRIDGED, OUT_OF_ORDER, ClockOffset, Gaps, paired_parts
 from calib_model.progress import Progress
 from calib_model.stamps import SECOND
 
@@ -77,10 +77,10 @@ def paired_hand_guided(
     poses, gaps, late_joints = [], Gaps(), 0
     for stretch in raw.streams.stretches():
         streams = stretch.ordered(note.settings.lateness)
-        paired = pair_readings(streams, note.settings.max_gap, shift)
         run.tally.refuse(OUT_OF_ORDER, streams.late_readings)
-        poses += run.take_many(paired)
-        gaps.see(paired.gap)
+        for paired in paired_parts(streams, note.settings.max_gap, shift):
+            poses += run.take_many(paired)
+            gaps.see(paired.gap)
         late_joints += streams.late_joints
     poses.sort(key=lambda pose: pose.stamp)
     if not poses:

@@ -112,7 +112,7 @@ def _mended(
         stamp, joints = stamp[~others], joints[~others]
     fresh = freshness(stamp, joints)
     lines += _said(fresh, stamp, joints)
-    kept = fresh.sound
+    kept = slice(None) if fresh.sound.all() else fresh.sound
     return replace(streams, joint_stamp=stamp[kept], joints=joints[kept]), turns, fresh, lines
 
 

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         PairedReading as PairedReading,
         PairedReadings as PairedReadings,
         pair_readings as pair_readings,
+        paired_parts as paired_parts,
     )
     from calib_model.pairing.raw_bag import (
         RawBag as RawBag,

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.arrays import Array, frozen
-from calib_model.pairing.interpolation import interpolated
-from calib_model.pairing.paired_readings import WIDE, HandGuidedSettings, pair_readings
+from calib_model.arrays import Array, frozen, largest_steps
+from calib_model.pairing.interpolation import interpolated, states_around
+from calib_model.pairing.paired_readings import WIDE, HandGuidedSettings, paired_parts
 from calib_model.pairing.readings import JointSample, Reading, Reason, reasons_in_words
 from calib_model.pairing.spaced_poses import SpacedPoses
 from calib_model.pairing.stop_and_go import (
@@ -164,7 +164,7 @@ def standing_outcomes(
     if len(t) < 2:
         return
     usual = UsualNoise() if usual is None else usual
-    gap, step = np.diff(t), np.abs(np.diff(q, axis=0)).max(axis=1)
+    gap, step = np.diff(t), largest_steps(q)
     rule = still_as(settings)
     still = (gap <= rule.gap) & (step <= rule.max_speed * gap / SECOND + SCATTER)
     for first, last in _runs(still):
@@ -239,7 +239,8 @@ def _contacts(streams: RawStreams) -> Iterator[_Contact]:
             t[part] <= t[part[-1]] - SEATED * SECOND
         )
         rows = _thinned(t, part[inside])
-        there = interpolated(streams.joint_stamp, streams.joints, t[rows], fine)
+        some = states_around(streams.joint_stamp, int(t[part[0]]), int(t[part[-1]]))
+        there = interpolated(streams.joint_stamp[some], streams.joints[some], t[rows], fine)
         if there.known.sum() >= 2:
             q = there.joints[there.known]
             steps = np.linalg.norm(np.diff(q, axis=0), axis=1)
@@ -296,13 +297,15 @@ def _hand_guided(
     touching: Touching | None,
 ) -> tuple[SteadyPose, ...]:
     """The poses that live pairing takes, on whatever sphere."""
-    found = pair_readings(streams, settings.max_gap, shift)
-    rows = np.flatnonzero(found.paired)
-    if touching is not None:
-        rows = rows[touching(found.displacement[rows])]
-    stamp, joints, displacement = found.stamp[rows], found.joints[rows], found.displacement[rows]
-    anywhere = np.zeros(len(stamp), dtype=np.int64)
+    spaced, poses = SpacedPoses(settings), []
+    for found in paired_parts(streams, settings.max_gap, shift):
+        rows = np.flatnonzero(found.paired)
+        if touching is not None:
+            rows = rows[touching(found.displacement[rows])]
+        anywhere = np.zeros(len(rows), dtype=np.int64)
+        poses += spaced.take(
+            found.stamp[rows], anywhere, found.joints[rows], found.displacement[rows]
+        )
     return tuple(
-        SteadyPose(pose.stamp, frozen(pose.joints), frozen(pose.displacement), 1)
-        for pose in SpacedPoses(settings).take(stamp, anywhere, joints, displacement)
+        SteadyPose(pose.stamp, frozen(pose.joints), frozen(pose.displacement), 1) for pose in poses
     )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from calib_model.arrays import Array
 from calib_model.stamps import SECOND
 
+BESIDE = 3  # states on either side of instants, of which the cubic takes two
 EVEN = 4.0  # times nearer than the gap is wide: such a neighbour's slope is noise
 
 
@@ -53,6 +54,13 @@ def interpolated(
     found[between] = _cubic(stamp, joints, gap, close, at[between], before[between])
     known[between], across[between] = True, gap[before[between]]
     return JointsAt(found, known, across)
+
+
+def states_around(stamp: NDArray[np.int64], first: int, last: int) -> slice:
+    """Those of the joint states at `stamp` (M,), ns, in order, that decide on instants from `first`
+    to `last`, ns."""
+    begin = max(int(np.searchsorted(stamp, first)) - BESIDE, 0)
+    return slice(begin, int(np.searchsorted(stamp, last, side='right')) + BESIDE)
 
 
 def between(first: int, before: Array, last: int, behind: Array, at: int, max_gap: float) -> Array:

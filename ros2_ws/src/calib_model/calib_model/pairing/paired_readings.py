@@ -7,7 +7,7 @@ Live pairing calls this for the few readings that have become due, all else for 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import NamedTuple
@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib_model.arrays import Array
-from calib_model.pairing.interpolation import interpolated
+from calib_model.pairing.interpolation import interpolated, states_around
 from calib_model.pairing.readings import GRAVEST, Reason, objections
 from calib_model.pairing.streams import RawStreams, Rows
 from calib_model.stamps import SECOND
 
 STEP = SECOND // 10_000  # ns to which gaps between joint states are counted
+PART = 100_000  # readings that are paired together
 WIDE = 1.5  # of the usual gap: a joint state is missing there
 BRIDGED = '{} readings paired across missing joint states'
 NO_JOINTS = Reason.JOINTS_MISSING.value
@@ -114,6 +115,24 @@ def pair_readings(streams: RawStreams, max_gap: float, shift: int = 0) -> Paired
     gap = np.zeros(len(stamp), dtype=np.int64)
     joints[good], gap[good] = there.joints, there.gap
     return PairedReadings(stamp, joints, streams.displacement, reason, gap)
+
+
+def paired_parts(streams: RawStreams, max_gap: float, shift: int = 0) -> Iterator[PairedReadings]:
+    """The same, so many readings at a time: with joints each takes several times as much memory as
+    it does in the streams."""
+    stamp, states = streams.reading_stamp, streams.joint_stamp
+    for begin in range(0, len(stamp), PART):
+        some = slice(begin, begin + PART)
+        first, last = stamp[some][[0, -1]] + shift
+        around = states_around(states, first, last)
+        part = RawStreams(
+            states[around],
+            streams.joints[around],
+            stamp[some],
+            streams.displacement[some],
+            streams.status[some],
+        )
+        yield pair_readings(part, max_gap, shift)
 
 
 class Gaps:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -64,7 +64,9 @@ class RawBag:
         states = _rows(part.number, _usable(part.joints))
         read = _joined([block.displacement for block in self._readings], np.zeros((0, 3)))
         number = _joined([block.rows for block in self._readings])
-        read[~_usable(read)] = np.nan
+        usable = _usable(read)
+        if not usable.all():
+            read = np.where(usable[:, None], read, np.nan)
         readings = _rows(number, np.ones(len(number), dtype=np.bool_))
         recorded = RecordedStreams(
             part.number[states],
@@ -169,6 +171,12 @@ class RawBag:
         self._joints = [replace(block, stamp=block.logged) for block in self._joints]
         self._readings = [replace(block, stamp=block.logged) for block in self._readings]
 
+    def _forget_recorded(self) -> None:
+        """Let go of when messages were recorded, once that has been asked."""
+        nothing = np.zeros(0, dtype=np.int64)
+        self._joints = [replace(block, logged=nothing) for block in self._joints]
+        self._readings = [replace(block, logged=nothing) for block in self._readings]
+
     def _refuse_names(self, names: Sequence[str]) -> NoReturn:
         seen = list(dict.fromkeys(name for block in self._joints for name in block.names))
         missing = [name for name in names if name not in seen]
@@ -189,12 +197,39 @@ class RawBag:
 
 
 def _joined(parts: Sequence[np.ndarray], none: np.ndarray | None = None) -> Any:
-    return np.concatenate(parts) if parts else np.zeros(0, np.int64) if none is None else none
+    """Of one part no copy is made."""
+    if len(parts) > 1:
+        return np.concatenate(parts)
+    return parts[0] if parts else np.zeros(0, np.int64) if none is None else none
+
+
+def _merged(blocks: list[Any]) -> list[Any]:
+    """Blocks with the same joints as one each; the list is emptied, column by column, so that
+    hundreds of MB are never there twice."""
+    kinds: dict[tuple[str, ...], list[Any]] = {}
+    for block in blocks:
+        kinds.setdefault(getattr(block, 'names', ()), []).append(block)
+    blocks.clear()
+    return [_one(kinds.pop(names)) for names in list(kinds)]
+
+
+def _one(blocks: list[Any]) -> Any:
+    columns = {
+        each.name: [getattr(block, each.name) for block in blocks]
+        for each in fields(blocks[0])
+        if each.name != 'names'
+    }
+    first = blocks[0]
+    blocks.clear()
+    return replace(first, **{name: _joined(columns.pop(name)) for name in list(columns)})
 
 
 def _usable(values: Array) -> NDArray[np.bool_]:
     """Which rows (N, k) hold numbers alone that a sensor may give."""
-    return np.asarray(((values <= LARGEST) & (values >= -LARGEST)).all(axis=1))
+    usable = np.ones(len(values), dtype=np.bool_)
+    for column in values.T:
+        usable &= (column <= LARGEST) & (column >= -LARGEST)
+    return usable
 
 
 def _rows(number: Rows, kept: NDArray[np.bool_]) -> Rows | slice:
@@ -207,15 +242,19 @@ def _rows(number: Rows, kept: NDArray[np.bool_]) -> Rows | slice:
 
 
 def _part(blocks: Sequence[JointBlock], names: Sequence[str], columns: Sequence[int]) -> Part:
-    orders = [[block.names.index(name) for name in names] for block in blocks]
     return Part(
         tuple(columns),
-        np.concatenate([block.rows for block in blocks]),
-        np.concatenate([block.stamp for block in blocks]),
-        np.concatenate(
-            [block.position[:, order] for block, order in zip(blocks, orders, strict=True)]
-        ),
+        _joined([block.rows for block in blocks]),
+        _joined([block.stamp for block in blocks]),
+        _joined([_of(block, names) for block in blocks]),
     )
+
+
+def _of(block: JointBlock, names: Sequence[str]) -> Array:
+    """The joints of these names, in this order."""
+    if tuple(names) == block.names:
+        return block.position
+    return block.position[:, [block.names.index(name) for name in names]]
 
 
 def _together(part: RawStreams) -> bool:
@@ -324,7 +363,9 @@ def read_raw(
     if not all(block.count for block in blocks.values()):
         bag.refuse_missing(readings)
     bag.poses = poses.read()
+    bag._joints, bag._readings = _merged(bag._joints), _merged(bag._readings)
     bag.by_recording(stamps)
+    bag._forget_recorded()
     return bag
 
 

@@ -74,8 +74,8 @@ class SpacedPoses:
         assert self.place is not None
         row = int(np.searchsorted(stamp, self._begin + self._seated))
         while (row := self._next(joints, row)) < len(stamp):
-            self._posture = joints[row]
-            pose = SpacedPose(int(stamp[row]), self.place, joints[row], displacement[row])
+            self._posture = q = joints[row].copy()  # of its own: it keeps no other readings
+            pose = SpacedPose(int(stamp[row]), self.place, q, displacement[row].copy())
             self._unsure.append(pose)
             row += 1
         sure, last = [], int(stamp[-1])

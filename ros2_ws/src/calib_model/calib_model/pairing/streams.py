@@ -101,6 +101,9 @@ class RecordedStreams:
 
     def stretches(self) -> Iterator[RecordedStreams]:
         """What was received until one of the streams began anew with earlier stamps, and so on."""
+        if not (_falls(self.joint_stamp) or _falls(self.reading_stamp)):
+            yield self
+            return
         number = np.concatenate([self.joint_number, self.reading_number])
         order = np.argsort(number, kind='stable')
         stamp = np.concatenate([self.joint_stamp, self.reading_stamp])[order]
@@ -135,6 +138,12 @@ class RecordedStreams:
             self.displacement[readings],
             self.status[readings],
         )
+
+
+def _falls(stamp: Rows, step_back: int = STEP_BACK) -> bool:
+    """Whether stamps (N,), as received, fall back by more than `step_back` behind the newest."""
+    newest: Rows = np.maximum.accumulate(stamp)
+    return bool((newest - stamp > step_back).any())
 
 
 def in_order(stamp: Rows, lateness: float) -> Rows:

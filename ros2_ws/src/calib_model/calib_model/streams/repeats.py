@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.arrays import Array
+from calib_model.arrays import Array, largest_steps
 from calib_model.stamps import SECOND
 
 LONG = 0.05  # s for which a driver repeats before it is said to hang
@@ -54,7 +54,7 @@ def freshness(stamp: NDArray[np.int64], joints: Array) -> Freshness:
     sound = np.ones(len(stamp), dtype=np.bool_)
     if len(stamp) < 2:
         return Freshness(0.0, 0.0, sound)
-    gap, step = np.diff(stamp), np.abs(np.diff(joints, axis=0)).max(axis=1)
+    gap, step = np.diff(stamp), largest_steps(joints)
     new = np.flatnonzero(step > 0) + 1
     sent = float(np.median(gap)) / SECOND
     if len(new) < FEWEST:

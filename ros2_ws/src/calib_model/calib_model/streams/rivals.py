@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.arrays import Array
+from calib_model.arrays import Array, largest_steps
 from calib_model.errors import DataError
 from calib_model.stamps import SECOND
 
@@ -27,9 +27,7 @@ def rival(stamp: NDArray[np.int64], joints: Array) -> NDArray[np.bool_]:
     nobody = np.zeros(len(stamp), dtype=np.bool_)
     if len(stamp) < 3:
         return nobody
-    there = np.diff(joints, axis=0)
-    far = np.abs(there).max(axis=1)
-    left = np.abs(joints[2:] - joints[:-2]).max(axis=1)
+    far, left = largest_steps(joints), largest_steps(joints, 2)
     fast = far[:-1] * SECOND > FAST * np.diff(stamp)[:-1]
     to_and_fro = (far[:-1] > FAR) & (left < BACK * far[:-1]) & fast
     count = int(to_and_fro.sum())

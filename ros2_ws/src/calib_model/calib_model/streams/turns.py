@@ -32,14 +32,17 @@ def unwrapped(joints: Array) -> tuple[Array, Turns]:
 
     A joint that goes through more than a turn by itself is left as it is.
     """
-    nothing = np.zeros(joints.shape[1], dtype=np.int64)
+    jumps = np.zeros(joints.shape[1], dtype=np.int64)
     if len(joints) < 2:
-        return joints, Turns(nothing, np.zeros(joints.shape[1]))
-    step = np.diff(joints, axis=0)
-    jump = np.abs(np.abs(step) - TURN) < NEAR
-    jump &= np.ptp(joints, axis=0) <= TURN + 1e-3
-    turns = Turns(jump.sum(axis=0), joints.min(axis=0))
-    if not jump.any():
-        return joints, turns
-    gone = np.cumsum(np.where(jump, -np.sign(step), 0.0), axis=0)
-    return joints + TURN * np.vstack([np.zeros(joints.shape[1]), gone]), turns
+        return joints, Turns(jumps, np.zeros(joints.shape[1]))
+    low, high = joints.min(axis=0), joints.max(axis=0)
+    mended = joints
+    for number, column in enumerate(joints.T):
+        step = np.diff(column)
+        jump = np.abs(np.abs(step) - TURN) < NEAR
+        if high[number] - low[number] > TURN + 1e-3 or not jump.any():
+            continue
+        jumps[number] = jump.sum()
+        mended = joints.copy() if mended is joints else mended
+        mended[1:, number] += TURN * np.cumsum(np.where(jump, -np.sign(step), 0.0))
+    return mended, Turns(jumps, low)

@@ -99,9 +99,9 @@ def test_the_same_seed_and_states_give_the_same_readings(scene, magnitudes):
 
 def test_a_stop_reads_the_same_however_long_the_arm_stood_elsewhere(scene, magnitudes):
     """Its encoders scatter meanwhile, and more readings are drawn."""
-    scatter = np.random.default_rng(2)
 
     def stop(idle):
+        scatter = np.random.default_rng(2)
         probe = simulation(scene, magnitudes)
         for i in range(idle):
             probe.advance([T0 + i * 20 * MS], scene.joints[1] + scatter.normal(0.0, 2e-6, 6))
