@@ -44,18 +44,15 @@ class ReplayNode(Node):
         super().__init__('replay')
         self._playback = playback
         self._topics: dict[str, Any] = {}
-        skipped: set[str] = set()
-        for message in (*playback.latched, *playback.timed):
-            if message.topic not in self._topics and message.topic not in skipped:
-                self._offer(message, skipped)
+        for message in playback.topics:
+            self._offer(message)
         for topic in playback.commands:
             self.get_logger().info(f'{topic} is left out: an arm that listens would move')
         self._clock = self.create_publisher(Clock, '/clock', 10) if clock else None
 
-    def _offer(self, message: BagMessage, skipped: set[str]) -> None:
+    def _offer(self, message: BagMessage) -> None:
         kind = _message_class(message.type)
         if kind is None:
-            skipped.add(message.topic)
             found = message.type or 'no schema'
             self.get_logger().warning(f'{message.topic} is left out: {found} is not installed')
             return
@@ -89,7 +86,7 @@ class ReplayNode(Node):
             self._publish(message)
         start, _ = self._playback.span
         timing = Timing(start, rate, self._tick if self._clock is not None else None)
-        for number, message in enumerate(self._playback.timed, start=1):
+        for number, message in enumerate(self._playback.timed(), start=1):
             timing.wait_until(message.log_time)
             self._publish(message)
             progress.show(number, (message.log_time - start) * 1e-9)

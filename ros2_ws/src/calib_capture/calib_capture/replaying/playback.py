@@ -4,17 +4,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from array import array
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from calib_model.bags import BagMessage, read_messages
 from calib_model.errors import BagError, DescriptionError
 from calib_model.files import load_plain
 from calib_model.topics import TRAJECTORY
 
+Rows = NDArray[np.int64]
 CLOCK_PERIOD = 0.01  # s of wall time between two messages on /clock
 
 
@@ -50,23 +55,43 @@ def offered_qos(text: str) -> OfferedQos:
 
 @dataclass(frozen=True)
 class Playback:
-    """The messages of a bag: the first of each latched topic, then all others in log-time order.
+    """The messages of a bag: `latched`, the first of each latched topic, then all others in the
+    order of their log times, read as they are played: a bag may be larger than the memory.
 
+    `topics` has a message of each topic, `span` (2,) the first and the last log time, ns.
     `commands` are topics that are left out: an arm would move by them.
     """
 
-    latched: list[BagMessage]
-    timed: list[BagMessage]
-    commands: tuple[str, ...] = ()
+    path: Path
+    topics: tuple[BagMessage, ...]
+    latched: tuple[BagMessage, ...]
+    span: tuple[int, int]
+    commands: tuple[str, ...]
+    _leading: frozenset[int]  # places of the latched ones among all that are played
+    _turns: Rows  # places of the others among themselves, in the order of their log times
 
     def __len__(self) -> int:
-        return len(self.latched) + len(self.timed)
+        return len(self.latched) + len(self._turns)
 
-    @property
-    def span(self) -> tuple[int, int]:
-        """First and last log time, ns."""
-        times = [message.log_time for message in (*self.latched, *self.timed)]
-        return min(times), max(times)
+    def timed(self) -> Iterator[BagMessage]:
+        """The others; what comes before its turn waits for it, of a recording a few.
+
+        Raises:
+            BagError: the bag has changed since it was looked at.
+        """
+        early: dict[int, BagMessage] = {}
+        coming = enumerate(self._others())
+        for turn in self._turns.tolist():
+            while turn not in early:
+                place, message = next(coming, (turn, None))
+                if message is None:
+                    raise BagError(f'{self.path}: the bag has become shorter meanwhile')
+                early[place] = message
+            yield early.pop(turn)
+
+    def _others(self) -> Iterator[BagMessage]:
+        played = (each for each in read_messages(self.path) if each.topic not in self.commands)
+        return (each for place, each in enumerate(played) if place not in self._leading)
 
 
 def read_playback(path: Path) -> Playback:
@@ -75,18 +100,39 @@ def read_playback(path: Path) -> Playback:
     Raises:
         BagError: no bag there, damaged, or it holds no messages to play.
     """
-    recorded = sorted(read_messages(path), key=lambda message: message.log_time)
-    commands = tuple(sorted({each.topic for each in recorded if each.type == TRAJECTORY}))
-    messages = [message for message in recorded if message.topic not in commands]
-    if not messages:
+    topics: dict[str, BagMessage] = {}
+    numbers: dict[str, int] = {}
+    first: dict[str, tuple[int, BagMessage]] = {}  # of latched topics, and which of all it is
+    commands: set[str] = set()
+    times, kinds = array('q'), array('i')
+    for place, message in enumerate(read_messages(path)):
+        topic = message.topic
+        if topic not in topics:
+            topics[topic], numbers[topic] = message, len(numbers)
+        if message.type == TRAJECTORY:
+            commands.add(topic)
+        times.append(message.log_time)
+        kinds.append(numbers[topic])
+        if offered_qos(message.offered_qos).latched and (
+            topic not in first or message.log_time < first[topic][1].log_time
+        ):
+            first[topic] = place, message
+    left_out = [numbers[topic] for topic in commands]
+    played = ~np.isin(np.array(kinds, dtype=np.int32), left_out)
+    if not played.any():
         raise BagError(f'{path}: the bag holds no messages' + ' but commands' * bool(commands))
-    first: dict[str, BagMessage] = {}
-    for message in messages:
-        if offered_qos(message.offered_qos).latched:
-            first.setdefault(message.topic, message)
-    leading = {id(message) for message in first.values()}
-    timed = [message for message in messages if id(message) not in leading]
-    return Playback(list(first.values()), timed, commands)
+    leading = {topic: found for topic, found in first.items() if topic not in commands}
+    stamps, among = np.array(times, dtype=np.int64)[played], np.cumsum(played) - 1
+    places = [int(among[place]) for place, _ in leading.values()]
+    return Playback(
+        path,
+        tuple(message for topic, message in topics.items() if topic not in commands),
+        tuple(message for _, message in leading.values()),
+        (int(stamps.min()), int(stamps.max())),
+        tuple(sorted(commands)),
+        frozenset(places),
+        np.argsort(np.delete(stamps, places), kind='stable'),
+    )
 
 
 class Timing:

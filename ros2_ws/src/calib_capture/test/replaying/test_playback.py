@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
+from hypothesis import given, settings, strategies as st
 
 from calib_capture.replaying.playback import OfferedQos, Timing, offered_qos, read_playback
 from calib_model.bags import BagWriter, cdr
 from calib_model.errors import BagError
 from calib_model.topics import (
     ARM_DESCRIPTION,
+    GAUGE_DESCRIPTION,
     JOINT_STATES,
     PROBE_DISPLACEMENTS,
     TRAJECTORY,
@@ -21,7 +24,8 @@ from calib_model.topics import (
 def test_offered_qos_is_that_of_the_topic(topic: Topic, tmp_path: Path) -> None:
     with BagWriter(tmp_path / 'bag') as bag:
         bag.write_message(topic, cdr.string('x'), 1)
-    (message,) = read_playback(tmp_path / 'bag').latched or read_playback(tmp_path / 'bag').timed
+    playback = read_playback(tmp_path / 'bag')
+    (message,) = playback.latched or playback.timed()
     found = offered_qos(message.offered_qos)
     assert found == OfferedQos(topic.depth, topic.reliable, topic.latched)
 
@@ -47,9 +51,38 @@ def test_latched_first_then_by_log_time_whatever_the_files_order(tmp_path: Path)
         bag.write_message(ARM_DESCRIPTION, cdr.string('second'), 40)
     playback = read_playback(tmp_path / 'bag')
     assert [cdr.decode(m.type, m.data).data for m in playback.latched] == ['first']
-    assert [m.log_time for m in playback.timed] == [10, 20, 30, 40]
+    assert [m.log_time for m in playback.timed()] == [10, 20, 30, 40]
     assert playback.span == (10, 40)
     assert len(playback) == 5
+
+
+@settings(max_examples=40)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from([JOINT_STATES, ARM_DESCRIPTION, GAUGE_DESCRIPTION]), st.integers(0, 9)
+        ),
+        min_size=1,
+        max_size=30,
+    )
+)
+def test_any_order_of_the_files_is_played_in_that_of_time(written) -> None:
+    with TemporaryDirectory() as folder:
+        with BagWriter(Path(folder) / 'bag') as bag:
+            for place, (topic, time_) in enumerate(written):
+                bag.write(topic, place.to_bytes(8, 'little'), time_, time_)
+        playback = read_playback(Path(folder) / 'bag')
+        played = [int.from_bytes(m.data[:8], 'little') for m in playback.timed()]
+        again = [int.from_bytes(m.data[:8], 'little') for m in playback.timed()]
+        latched = [int.from_bytes(m.data[:8], 'little') for m in playback.latched]
+    by_time = sorted(range(len(written)), key=lambda place: written[place][1])
+    first = {}
+    for place in by_time:
+        if written[place][0].latched:
+            first.setdefault(written[place][0].name, place)
+    assert sorted(latched) == sorted(first.values())
+    assert played == again == [place for place in by_time if place not in first.values()]
+    assert len(playback) == len(written)
 
 
 def test_what_would_move_an_arm_is_left_out_under_any_name(tmp_path: Path) -> None:
@@ -63,7 +96,7 @@ def test_what_would_move_an_arm_is_left_out_under_any_name(tmp_path: Path) -> No
         bag.write(Topic(names[0], TRAJECTORY), bytes(64), 3, 3)
         bag.write_message(JOINT_STATES, cdr.joint_state(5, '', [], np.zeros(0)), 5)
     playback = read_playback(tmp_path / 'other')
-    assert [message.topic for message in playback.timed] == [JOINT_STATES.name]
+    assert [message.topic for message in playback.timed()] == [JOINT_STATES.name]
     assert playback.commands == names[:1]
 
 

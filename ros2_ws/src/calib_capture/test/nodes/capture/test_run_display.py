@@ -123,7 +123,7 @@ def test_counts_refusals_and_commands_are_those_of_the_bag(graph, perfect, confi
     assert len(again.measured.poses) == len(poses)
     playback = read_playback(tmp_path / 'bag')
     assert playback.commands == (COMMANDS.name,)
-    assert COMMANDS.name not in {each.topic for each in (*playback.latched, *playback.timed)}
+    assert COMMANDS.name not in {each.topic for each in (*playback.latched, *playback.timed())}
 
 
 def test_the_command_that_stops_the_arm_and_its_way_to_rest_are_in_the_bag(
