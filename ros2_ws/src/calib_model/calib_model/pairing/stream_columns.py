@@ -77,7 +77,7 @@ def reading_blocks(messages: Sequence[bytes]) -> Iterator[ReadingBlock]:
     """
     for rows, table in _tables(messages, _reading_layout):
         values = _reading_layout(table[0].tobytes()).values
-        status = table[:, values + 24 : values + 27]
+        status = table[:, values + 24 : values + 27].copy()  # else all of the messages stay
         yield ReadingBlock(rows, _stamps(table), _column(table, values, '<f8', 3), status)
 
 
