@@ -63,7 +63,7 @@ def page(seen: dict[str, Any]) -> str:
             '',
             '## A raw recording',
             '',
-            'An arm led around for hours, readings at 500 Hz, joint states at 250 Hz.',
+            'A led arm, an hour of it: 1000 readings and 500 joint states in each second.',
             '',
             '| command | GB | s of the CPU | memory at most |',
             '| --- | --- | --- | --- |',

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -18,9 +18,10 @@ from calib_model.measurement import ProbingSet
 from calib_model.pairing.readings import LARGEST
 from calib_model.pairing.stream_columns import (
     JointBlock,
+    MessageBlocks,
     ReadingBlock,
+    joined,
     joint_blocks,
-    little_endian,
     reading_blocks,
 )
 from calib_model.pairing.streams import RawStreams, RecordedStreams, Rows
@@ -34,7 +35,6 @@ from calib_model.topics import (
     RawTopics,
 )
 
-BLOCK = 20_000  # messages that are decoded together
 MOST_SHOWN = 20  # names in an error
 NO_STATUS = np.zeros((0, 3), dtype=np.uint8)
 
@@ -62,8 +62,8 @@ class RawBag:
         """
         part = self._whole(names) or self._spread(names)
         states = _rows(part.number, _usable(part.joints))
-        read = _joined([block.displacement for block in self._readings], np.zeros((0, 3)))
-        number = _joined([block.rows for block in self._readings])
+        read = joined([block.displacement for block in self._readings], np.zeros((0, 3)))
+        number = joined([block.rows for block in self._readings])
         usable = _usable(read)
         if not usable.all():
             read = np.where(usable[:, None], read, np.nan)
@@ -73,9 +73,9 @@ class RawBag:
             part.stamp[states],
             part.joints[states],
             number[readings],
-            _joined([block.stamp for block in self._readings])[readings],
+            joined([block.stamp for block in self._readings])[readings],
             read[readings],
-            _joined([block.status for block in self._readings], NO_STATUS)[readings],
+            joined([block.status for block in self._readings], NO_STATUS)[readings],
         )
         self._refuse_stamps(recorded.joint_stamp, self.topics.joint_states)
         if self.has_readings:
@@ -196,34 +196,6 @@ class RawBag:
         )
 
 
-def _joined(parts: Sequence[np.ndarray], none: np.ndarray | None = None) -> Any:
-    """Of one part no copy is made."""
-    if len(parts) > 1:
-        return np.concatenate(parts)
-    return parts[0] if parts else np.zeros(0, np.int64) if none is None else none
-
-
-def _merged(blocks: list[Any]) -> list[Any]:
-    """Blocks with the same joints as one each; the list is emptied, column by column, so that
-    hundreds of MB are never there twice."""
-    kinds: dict[tuple[str, ...], list[Any]] = {}
-    for block in blocks:
-        kinds.setdefault(getattr(block, 'names', ()), []).append(block)
-    blocks.clear()
-    return [_one(kinds.pop(names)) for names in list(kinds)]
-
-
-def _one(blocks: list[Any]) -> Any:
-    columns = {
-        each.name: [getattr(block, each.name) for block in blocks]
-        for each in fields(blocks[0])
-        if each.name != 'names'
-    }
-    first = blocks[0]
-    blocks.clear()
-    return replace(first, **{name: _joined(columns.pop(name)) for name in list(columns)})
-
-
 def _usable(values: Array) -> NDArray[np.bool_]:
     """Which rows (N, k) hold numbers alone that a sensor may give."""
     usable = np.ones(len(values), dtype=np.bool_)
@@ -244,9 +216,9 @@ def _rows(number: Rows, kept: NDArray[np.bool_]) -> Rows | slice:
 def _part(blocks: Sequence[JointBlock], names: Sequence[str], columns: Sequence[int]) -> Part:
     return Part(
         tuple(columns),
-        _joined([block.rows for block in blocks]),
-        _joined([block.stamp for block in blocks]),
-        _joined([_of(block, names) for block in blocks]),
+        joined([block.rows for block in blocks]),
+        joined([block.stamp for block in blocks]),
+        joined([_of(block, names) for block in blocks]),
     )
 
 
@@ -276,46 +248,6 @@ def _no_time(topic: str, blocks: Sequence[Any]) -> str:
     return f'the stamps in the headers of {topic} {why}' if why else ''
 
 
-class _Block:
-    """Messages of one topic on their way to arrays."""
-
-    def __init__(
-        self,
-        path: Path,
-        topic: str,
-        kind: str,
-        decode: Callable[[Sequence[bytes]], Iterator[Any]],
-        into: list[Any],
-    ) -> None:
-        self.path, self.topic, self.kind = path, topic, kind
-        self._decode, self._into = decode, into
-        self._waiting: list[bytes] = []
-        self._numbers: list[int] = []
-        self._logged: list[int] = []
-        self.count = 0
-
-    def add(self, data: bytes, number: int, logged: int) -> None:
-        self.count += 1
-        self._waiting.append(data)
-        self._numbers.append(number)
-        self._logged.append(logged)
-        if len(self._waiting) >= BLOCK:
-            self.decode()
-
-    def decode(self) -> None:
-        waiting, self._waiting = self._waiting, []
-        numbers, self._numbers = np.array(self._numbers, dtype=np.int64), []
-        logged, self._logged = np.array(self._logged, dtype=np.int64), []
-        try:
-            messages = [little_endian(self.kind, data) for data in waiting]
-            self._into += [
-                replace(block, rows=numbers[block.rows], logged=logged[block.rows])
-                for block in self._decode(messages)
-            ]
-        except ValueError as error:
-            raise BagError(f'{self.path}: {self.topic}: {error}') from error
-
-
 def read_raw(
     path: str | Path,
     topics: RawTopics,
@@ -337,10 +269,10 @@ def read_raw(
     refuse_topics(path, topics, listed_topics(path), readings)
     bag = RawBag(path, topics, BagDescriptions(path))
     blocks = {
-        topics.joint_states: _Block(
+        topics.joint_states: MessageBlocks(
             path, topics.joint_states, JOINT_STATE, joint_blocks, bag._joints
         ),
-        topics.displacements: _Block(
+        topics.displacements: MessageBlocks(
             path, topics.displacements, DISPLACEMENTS, reading_blocks, bag._readings
         ),
     }
@@ -359,11 +291,10 @@ def read_raw(
             )
         block.add(message.data, number, message.log_time)
     for block in blocks.values():
-        block.decode()
+        block.finish()
     if not all(block.count for block in blocks.values()):
         bag.refuse_missing(readings)
     bag.poses = poses.read()
-    bag._joints, bag._readings = _merged(bag._joints), _merged(bag._readings)
     bag.by_recording(stamps)
     bag._forget_recorded()
     return bag

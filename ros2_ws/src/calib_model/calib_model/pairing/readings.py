@@ -84,7 +84,7 @@ def objections(status: NDArray[np.integer], displacement: Array) -> NDArray[np.i
             (status == Status.NO_CONTACT.value).any(axis=1),
             (status == Status.WEAK_SIGNAL.value).any(axis=1),
             (status != Status.OK.value).any(axis=1),
-            ~(np.abs(displacement) <= LARGEST).all(axis=1),
+            ~((displacement <= LARGEST) & (displacement >= -LARGEST)).all(axis=1),
         ],
         list(range(len(GRAVEST))),
         default=len(GRAVEST),

@@ -5,13 +5,16 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calib_model.arrays import Array
 from calib_model.bags import cdr
+from calib_model.errors import BagError
 from calib_model.pairing.streams import Rows
 from calib_model.stamps import SECOND
 from calib_model.topics import DISPLACEMENTS, JOINT_STATE
@@ -21,6 +24,9 @@ STRINGS = 12  # offset of the frame's length, behind CDR header and stamp
 MOST_NAMES = 1000  # joints of all the arms in one message
 LONGEST_NAME = 1000  # bytes
 MOST_LAYOUTS = 1000  # each is looked for in all messages
+BLOCK = 20_000  # messages that are decoded together
+#: so decoded, that become one: of many small arrays the allocator would keep the room
+TOGETHER = 32
 Bytes = NDArray[np.uint8]
 
 
@@ -193,3 +199,80 @@ def little_endian(kind: str, data: bytes) -> bytes:
         ValueError: the bytes do not hold such a message.
     """
     return cdr.encode(cdr.decode(kind, data)) if data[:2] == b'\x00\x00' else data
+
+
+class MessageBlocks:
+    """Messages of one topic on their way to arrays."""
+
+    def __init__(
+        self,
+        path: Path,
+        topic: str,
+        kind: str,
+        decode: Callable[[Sequence[bytes]], Iterator[Any]],
+        into: list[Any],
+    ) -> None:
+        self.path, self.topic, self.kind = path, topic, kind
+        self._decode, self._into = decode, into
+        self._decoded: list[Any] = []
+        self._waiting: list[bytes] = []
+        self._numbers: list[int] = []
+        self._logged: list[int] = []
+        self.count = 0
+
+    def add(self, data: bytes, number: int, logged: int) -> None:
+        self.count += 1
+        self._waiting.append(data)
+        self._numbers.append(number)
+        self._logged.append(logged)
+        if len(self._waiting) >= BLOCK:
+            self.decode()
+
+    def decode(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        numbers, self._numbers = np.array(self._numbers, dtype=np.int64), []
+        logged, self._logged = np.array(self._logged, dtype=np.int64), []
+        try:
+            messages = [little_endian(self.kind, data) for data in waiting]
+            self._decoded += [
+                replace(block, rows=numbers[block.rows], logged=logged[block.rows])
+                for block in self._decode(messages)
+            ]
+        except ValueError as error:
+            raise BagError(f'{self.path}: {self.topic}: {error}') from error
+        if len(self._decoded) >= TOGETHER:
+            self._into += _merged(self._decoded)
+
+    def finish(self) -> None:
+        """Let all that has come be one array for each column."""
+        self.decode()
+        self._into += _merged(self._decoded)
+        self._into[:] = _merged(self._into)
+
+
+def joined(parts: Sequence[np.ndarray], none: np.ndarray | None = None) -> Any:
+    """Of one part no copy is made."""
+    if len(parts) > 1:
+        return np.concatenate(parts)
+    return parts[0] if parts else np.zeros(0, np.int64) if none is None else none
+
+
+def _merged(blocks: list[Any]) -> list[Any]:
+    """Blocks with the same joints as one each; the list is emptied, column by column, so that
+    hundreds of MB are never there twice."""
+    kinds: dict[tuple[str, ...], list[Any]] = {}
+    for block in blocks:
+        kinds.setdefault(getattr(block, 'names', ()), []).append(block)
+    blocks.clear()
+    return [_one(kinds.pop(names)) for names in list(kinds)]
+
+
+def _one(blocks: list[Any]) -> Any:
+    columns = {
+        each.name: [getattr(block, each.name) for block in blocks]
+        for each in fields(blocks[0])
+        if each.name != 'names'
+    }
+    first = blocks[0]
+    blocks.clear()
+    return replace(first, **{name: joined(columns.pop(name)) for name in list(columns)})
