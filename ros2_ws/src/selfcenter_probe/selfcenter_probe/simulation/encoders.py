@@ -24,13 +24,15 @@ class Repeatability:
         self._last: Array = np.zeros(0)
 
     def draw(self, postures: Array, generator: np.random.Generator) -> Array:
-        """Errors, rad, of postures (..., n) far from one another, in their shape."""
-        return self._sigma * generator.standard_normal(postures.shape)
+        """Errors (N, n), rad, of postures (N, n) far from one another, and from where the arm came
+        from: of that there is an error too."""
+        count, joints = postures.shape
+        return self._sigma * generator.standard_normal((count + 1, joints))[1:]
 
     def after(self, q: Array, generator: np.random.Generator) -> Array:
         """The errors (n,) at posture q (n,), rad, coming straight from the last one asked for."""
         if self._error is None:
-            self._error = self.draw(q, generator)
+            self._error = self._sigma * generator.standard_normal(len(q))
         elif self._sigma and not np.array_equal(q, self._last):
             kept = np.exp(-np.abs(q - self._last) / self._travel)
             fresh = generator.standard_normal(len(q))
