@@ -47,6 +47,7 @@ def heard_by(kr5, probe, gauge):
         ({'turn': (0, 0, -np.pi / 2)}, 'turned by -90 deg about its z axis', 6.0),
         ({'clock': 0.04}, 'readings are stamped 40 ms too early for the joints', 6.0),
         ({'clock': -3.0}, 'readings are stamped 3.00 s after the joints', 3.0),
+        ({'clock': 0.35}, 'readings are stamped 0.35 s before the joints', 3.0),
         ({'noise': 8e-5, 'rate': 100.0}, '', 10.0),
         ({'rate': 5.0}, 'joint states come at 5 Hz', 3.0),
         ({'unstamped': True}, 'joint states are stamped zero', 3.0),
