@@ -26,6 +26,7 @@ from calib_model.starting import (
 )
 
 BAD_INPUT = 2
+AGAIN = 1e-3  # s after which an interrupt that was ignored comes again
 #: objects more than were given back, after which Python looks for garbage
 GARBAGE = 100_000
 #: the command that starts all others where there is no ROS; argv[0] is then `calib NAME`
@@ -130,6 +131,8 @@ def run_command(work: Callable[[], int | None]) -> int:
             return INTERRUPTED
         raise
     finally:
+        if told:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
         if begun():  # what is left is the interpreter's end, which undoes handlers but not this
             handle(signal.SIG_IGN)
 
@@ -181,6 +184,7 @@ def _end_as_by_ctrl_c() -> list[int]:
             signal.signal(one, signal.SIG_IGN)
         end_at_the_latest(INTERRUPTED)
         told.append(number)
+        _interrupt_again_where_ignored()
         interrupt()
 
     if begun():
@@ -190,6 +194,21 @@ def _end_as_by_ctrl_c() -> list[int]:
         if signal.getsignal(number) is signal.SIG_DFL:
             signal.signal(number, end)
     return told
+
+
+def _interrupt_again_where_ignored() -> None:
+    """What an interrupt raises in a callback, as those of Python's import locks, is told and
+    ignored: then it comes again a moment later."""
+    usual = sys.unraisablehook
+
+    def hook(ignored: Any) -> None:
+        if isinstance(ignored.exc_value, KeyboardInterrupt):
+            signal.signal(signal.SIGALRM, lambda *_: interrupt())
+            signal.setitimer(signal.ITIMER_REAL, AGAIN)
+        else:
+            usual(ignored)
+
+    sys.unraisablehook = hook
 
 
 def _refused(error: CalibrationError) -> int:

@@ -44,6 +44,23 @@ sys.exit(run_command(work))
     assert (ran.returncode, ran.stderr) == (130, b'')
 
 
+def test_an_interrupt_that_a_callback_swallows_comes_again() -> None:
+    code = """
+import os, signal, sys, time, weakref
+from calib_model.command_line import run_command
+class Lock: pass
+def work():
+    lock = Lock()
+    told = weakref.ref(lock, lambda _: os.kill(os.getpid(), signal.SIGTERM))
+    del lock
+    time.sleep(20)
+    print('never')
+sys.exit(run_command(work))
+"""
+    ran = subprocess.run([sys.executable, '-c', code], capture_output=True, timeout=15, check=False)
+    assert (ran.returncode, ran.stdout, ran.stderr) == (130, b'', b'')
+
+
 def test_the_work_decides_the_code_otherwise() -> None:
     assert run_command(lambda: None) == 0
     assert run_command(lambda: 3) == 3

@@ -23,6 +23,7 @@ from calib_model.bags import BagMessage
 from calib_model.command_line import CommandParser, number_from, run_command
 from calib_model.errors import BagError, ParameterError
 from calib_model.nodes import init, refuse_other_encodings, warn_of_unknown
+from calib_model.progress import Pace, Progress
 
 SETTLED = 0.3  # s without a new subscriber after which those that will listen are taken to be there
 DELIVERY = 2.0  # s to wait at the end for what reliable subscribers have not acknowledged
@@ -80,7 +81,7 @@ class ReplayNode(Node):
             time.sleep(0.02)
         return count
 
-    def play(self, rate: float, progress: Progress) -> None:
+    def play(self, rate: float, progress: Played) -> None:
         """Publish everything once, at `rate` times the recorded speed."""
         for message in self._playback.latched:
             self._publish(message)
@@ -108,7 +109,7 @@ class ReplayNode(Node):
             self._clock.publish(clock)
 
 
-class Progress:
+class Played:
     """A line on a terminal that says how far it is; nothing elsewhere."""
 
     def __init__(self, messages: int, seconds: float) -> None:
@@ -176,13 +177,15 @@ def _replay() -> None:
         given = parser.parse_args(remove_ros_args(sys.argv)[1:])
     except RuntimeError as error:  # what rcl raises for arguments that it cannot parse
         raise ParameterError(str(error).partition(', at ')[0]) from error
-    playback = read_playback(given.bag)
+    pace = Pace(Progress(sys.stderr), f'looking through {given.bag}', 'MB', 1e6)
+    playback = read_playback(given.bag, pace)
+    pace.end()
     # Ctrl-C is ours: it shall not take the graph away in the middle of a message
     init(sys.argv)
     node = ReplayNode(playback, given.clock)
     warn_of_unknown(node)
     first, last = playback.span
-    progress = Progress(len(playback), (last - first) * 1e-9)
+    progress = Played(len(playback), (last - first) * 1e-9)
     try:
         if not node.playable:
             raise BagError(f'{given.bag}: no topic of a type that is installed here')

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.bags import BagMessage, read_messages
+from calib_model.bags import BagMessage, Told, read_messages
 from calib_model.errors import BagError, DescriptionError
 from calib_model.files import load_plain
 from calib_model.topics import TRAJECTORY
@@ -94,8 +94,8 @@ class Playback:
         return (each for place, each in enumerate(played) if place not in self._leading)
 
 
-def read_playback(path: Path) -> Playback:
-    """What to play of the bag at `path`.
+def read_playback(path: Path, told: Told | None = None) -> Playback:
+    """What to play of the bag at `path`; `told` hears how far it is.
 
     Raises:
         BagError: no bag there, damaged, or it holds no messages to play.
@@ -105,7 +105,7 @@ def read_playback(path: Path) -> Playback:
     first: dict[str, tuple[int, BagMessage]] = {}  # of latched topics, and which of all it is
     commands: set[str] = set()
     times, kinds = array('q'), array('i')
-    for place, message in enumerate(read_messages(path)):
+    for place, message in enumerate(read_messages(path, told=told)):
         topic = message.topic
         if topic not in topics:
             topics[topic], numbers[topic] = message, len(numbers)
