@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -103,6 +104,7 @@ def ended(words: Sequence[str], folder: Path, number: int, after: float) -> Ende
         },
     )
     try:
+        wait_until_it_hears(process, number)
         time.sleep(after)
         process.send_signal(number)
         told = time.monotonic()
@@ -114,6 +116,15 @@ def ended(words: Sequence[str], folder: Path, number: int, after: float) -> Ende
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
     return Ended(process.returncode, said, after)
+
+
+def wait_until_it_hears(process: subprocess.Popen[bytes], number: int) -> None:
+    """Until a signal is held back or minded: before, on a busy machine, nothing of it runs yet."""
+    bit = 1 << (number - 1)
+    while process.poll() is None:
+        status = Path(f'/proc/{process.pid}/status').read_text()
+        if any(int(mask, 16) & bit for mask in re.findall(r'Sig(?:Blk|Cgt):\s+(\w+)', status)):
+            return
 
 
 @pytest.fixture(scope='module')
