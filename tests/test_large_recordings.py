@@ -6,7 +6,6 @@ joint states in each second, and docs/soak.md says what they took.
 """
 
 import os
-import re
 import resource
 import subprocess
 import sys
@@ -17,6 +16,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+from memory import high_water
 from soak import SOAK, note
 
 from calib_model.bags import read_measurement
@@ -59,24 +59,14 @@ def done(words, folder: Path) -> Done:
         env={**os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'},
     )
     held = 0.0
-    while process.poll() is None:  # rusage would count what this process held when it forked
-        held = max(held, high_water(process.pid))
+    while process.poll() is None:
+        held = max(held, high_water(process.pid) / 2**20)
         time.sleep(0.02)
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     seconds = used.ru_utime + used.ru_stime - before.ru_utime - before.ru_stime
     out, error = ((folder / name).read_text() for name in ('stdout', 'stderr'))
     assert process.returncode == 0, error
     return Done(out, error, seconds, held)
-
-
-def high_water(number: int) -> float:
-    """The most that a process has held so far, MiB; 0 when it is gone."""
-    try:
-        status = Path(f'/proc/{number}/status').read_text()
-    except OSError:
-        return 0.0
-    found = re.search(r'VmHWM:\s+(\d+) kB', status)
-    return int(found[1]) / 1024 if found else 0.0
 
 
 @pytest.fixture(scope='module')

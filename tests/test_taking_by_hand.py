@@ -10,8 +10,7 @@ import signal
 import subprocess
 import sys
 import termios
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,16 +19,14 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='no ROS 2 here')
 pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
 from calib_interfaces.msg import ProbingPose
-from rclpy.executors import SingleThreadedExecutor
+from posed_arm import PosedArm, posed
 from seated_recordings import project
-from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from calib_bringup.domains import held_domain
 from calib_bringup.processes import graph_environment
 from calib_model.descriptions import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.nodes import qos_of
-from calib_model.topics import CAPTURE_POSES, CAPTURE_UNDONE, JOINT_STATES
+from calib_model.topics import CAPTURE_POSES, CAPTURE_UNDONE
 from calib_solver.commands.identify import main as identify
 
 CONFIG = Path(__file__).resolve().parents[1] / 'ros2_ws/src/calib_bringup/config'
@@ -41,16 +38,11 @@ FILES = {
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 
 
-class Arm:
-    """Publishes the joints in which a hand holds the arm, and calls the capture's services."""
+class Arm(PosedArm):
+    """Held in postures by a hand that calls the capture's services."""
 
     def __init__(self, context: rclpy.Context, names: list[str]) -> None:
-        self.node = rclpy.create_node('led', context=context)
-        self.executor = SingleThreadedExecutor(context=context)
-        self.executor.add_node(self.node)
-        self.names, self.joints = names, np.zeros(0)
-        self.states = self.node.create_publisher(JointState, JOINT_STATES.name, 10)
-        self.node.create_timer(0.01, self._publish)
+        super().__init__(context, names)
         self.poses: list[ProbingPose] = []
         self.undone: list[ProbingPose] = []
         for topic, heard in ((CAPTURE_POSES, self.poses), (CAPTURE_UNDONE, self.undone)):
@@ -59,24 +51,9 @@ class Arm:
             name: self.node.create_client(Trigger, f'/capture/{name}') for name in ('take', 'undo')
         }
 
-    def _publish(self) -> None:
-        if not len(self.joints):
-            return
-        stamp = self.node.get_clock().now().to_msg()
-        message = JointState(name=self.names, position=self.joints.tolist())
-        message.header.stamp = stamp
-        self.states.publish(message)
-
-    def until(self, condition: Callable[[], bool], seconds: float = 40.0) -> None:
-        end = time.monotonic() + seconds
-        while not condition():
-            assert time.monotonic() < end, 'nothing comes of it'
-            self.executor.spin_once(timeout_sec=0.02)
-
     def hold(self, joints: np.ndarray) -> None:
         self.joints = joints
-        end = time.monotonic() + 0.35
-        self.until(lambda: time.monotonic() > end)
+        self.spin(0.35)
 
     def ask(self, name: str) -> Trigger.Response:
         self.until(self.clients[name].service_is_ready)
@@ -97,13 +74,8 @@ class Arm:
 @pytest.fixture
 def arm(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Arm, int]]:
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    domain, context = held_domain(), rclpy.Context()
-    rclpy.init(context=context, domain_id=domain)
-    led = Arm(context, list(read_description(FILES['arm'], parse_arm).joint_names))
-    yield led, domain
-    led.executor.shutdown()
-    led.node.destroy_node()
-    rclpy.shutdown(context=context)
+    with posed(Arm, list(read_description(FILES['arm'], parse_arm).joint_names)) as made:
+        yield made
 
 
 @pytest.fixture

@@ -7,8 +7,7 @@ import json
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,16 +16,14 @@ import pytest
 rclpy = pytest.importorskip('rclpy', reason='no ROS 2 here')
 pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
 from calib_interfaces.msg import MeasuredPoint
-from rclpy.executors import SingleThreadedExecutor
-from sensor_msgs.msg import JointState
+from posed_arm import PosedArm, posed
 
-from calib_bringup.domains import held_domain
 from calib_bringup.processes import graph_environment
 from calib_model.bags import read_points
 from calib_model.descriptions import parse_arm, read_description
 from calib_model.kinematics import points
 from calib_model.nodes import qos_of
-from calib_model.topics import CAPTURE_POINTS, JOINT_STATES
+from calib_model.topics import CAPTURE_POINTS
 from calib_model.transforms import RigidTransform
 from calib_solver.commands.identify import main as identify
 
@@ -39,36 +36,13 @@ POSTURES, NOISE = 14, 2e-5
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 
 
-class Cell:
-    """An arm that is put from posture to posture, and a tracker that sees its targets."""
+class Cell(PosedArm):
+    """And a tracker that sees its targets."""
 
     def __init__(self, context: rclpy.Context, names: list[str]) -> None:
-        self.node = rclpy.create_node('cell', context=context)
-        self.executor = SingleThreadedExecutor(context=context)
-        self.executor.add_node(self.node)
-        self.names, self.joints, self.way = names, np.zeros(0), 0.0
-        self.states = self.node.create_publisher(JointState, JOINT_STATES.name, 10)
+        super().__init__(context, names)
         qos = qos_of(CAPTURE_POINTS)
         self.tracker = self.node.create_publisher(MeasuredPoint, CAPTURE_POINTS.name, qos)
-        self.node.create_timer(0.01, self._publish)
-
-    def _publish(self) -> None:
-        if not len(self.joints):
-            return
-        self.joints = self.joints + self.way
-        message = JointState(name=self.names, position=self.joints.tolist())
-        message.header.stamp = self.node.get_clock().now().to_msg()
-        self.states.publish(message)
-
-    def until(self, condition: Callable[[], bool], seconds: float = 40.0) -> None:
-        end = time.monotonic() + seconds
-        while not condition():
-            assert time.monotonic() < end, 'nothing comes of it'
-            self.executor.spin_once(timeout_sec=0.02)
-
-    def spin(self, seconds: float) -> None:
-        end = time.monotonic() + seconds
-        self.until(lambda: time.monotonic() > end)
 
     def measure(self, target: str, seen: np.ndarray) -> None:
         message = MeasuredPoint(target=target, station=1, position=seen.tolist())
@@ -79,13 +53,8 @@ class Cell:
 @pytest.fixture
 def cell(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Cell, int]]:
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    domain, context = held_domain(), rclpy.Context()
-    rclpy.init(context=context, domain_id=domain)
-    made = Cell(context, list(read_description(ARM, parse_arm).joint_names))
-    yield made, domain
-    made.executor.shutdown()
-    made.node.destroy_node()
-    rclpy.shutdown(context=context)
+    with posed(Cell, list(read_description(ARM, parse_arm).joint_names)) as made:
+        yield made
 
 
 @pytest.fixture
