@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from time import perf_counter
 
 
@@ -75,3 +77,9 @@ def table(part: Part) -> str:
         verdict = 'holds' if target.met else 'MISSED'
         lines.append(f'  {verdict}: {target.name}: {target.value:.3g}, at most {target.limit:.3g}')
     return '\n'.join(lines)
+
+
+def peak_memory() -> int:
+    """The most bytes that were ever resident; getrusage would count the parent's before exec."""
+    found = re.search(r'^VmHWM:\s+(\d+) kB', Path('/proc/self/status').read_text(), re.MULTILINE)
+    return int(found.group(1)) * 1024 if found else 0

@@ -6,7 +6,6 @@ Seconds are the processor's, of all threads: what else the machine does is no pa
 
 from __future__ import annotations
 
-import json
 import resource
 import subprocess
 import sys
@@ -34,11 +33,11 @@ NOISE, TURN_NOISE = 4e-5, 1e-4
 OFF = np.array([5e-4, 1e-3, 5e-4, 2e-3, 0.0])[:, None]
 #: the command, and the most bytes that it ever had
 COMMAND = """
-import json, re, sys
+import sys
 from calib_solver.commands.identify import main
 code = main(sys.argv[1:])
-peak = re.search(r'VmHWM:\\s+(\\d+) kB', open('/proc/self/status').read())
-print(json.dumps(int(peak.group(1)) * 1024 if peak else 0))
+from benchmarks.measuring import peak_memory
+print(peak_memory())
 sys.exit(code)
 """
 
@@ -103,4 +102,4 @@ def _seconds(command: list[str]) -> tuple[float, int]:
     done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=300)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return used, int(json.loads(done.stdout.splitlines()[-1]))
+    return used, int(done.stdout.splitlines()[-1])

@@ -8,7 +8,6 @@ its figures as JSON. Making the poses takes memory of its own, so it is done els
 from __future__ import annotations
 
 import json
-import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -18,7 +17,7 @@ from time import perf_counter
 
 import numpy as np
 
-from benchmarks.measuring import Part, Row, Target
+from benchmarks.measuring import Part, Row, Target, peak_memory
 from benchmarks.problems import faro, faro_measurement
 from benchmarks.solving import solve
 from calib_model.kinematics import identifiable_table
@@ -118,7 +117,7 @@ def _better(one: dict[str, float], other: dict[str, float]) -> dict[str, float]:
 
 def _figures(file: Path) -> dict[str, float]:
     """What the process of one size finds: seconds, passes, bytes."""
-    before = _peak()
+    before = peak_memory()
     with np.load(file) as kept:
         arm, probe, gauge = faro(active=bool(kept['active']))
         taken = ProbingSet.of(
@@ -128,7 +127,7 @@ def _figures(file: Path) -> dict[str, float]:
     times = int(np.clip(POSES_IN_ALL // len(taken), 2, 50))
     options = Options(prior=NO_PRIOR)
     whole = _best(lambda: identify(measured, options), times)
-    peak = _peak()
+    peak = peak_memory()
     problem, table = Problem.of(measured), identifiable_table(arm, probe)
     evaluations = solve(problem, table).evaluations
     return {
@@ -148,12 +147,6 @@ def _best(work: Callable[[], object], times: int) -> float:
         work()
         best = min(best, perf_counter() - begun)
     return best
-
-
-def _peak() -> int:
-    """The most bytes that were ever resident; getrusage would count the parent's before exec."""
-    found = re.search(r'^VmHWM:\s+(\d+) kB', Path('/proc/self/status').read_text(), re.MULTILINE)
-    return int(found.group(1)) * 1024 if found else 0
 
 
 if __name__ == '__main__':

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections import Counter, deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -134,7 +134,7 @@ class PointSession:
         else:
             newest = self._samples[-1].stamp
             if self._received:
-                point = _at(point, newest)
+                point = replace(point, stamp=newest)
             if point.stamp == 0:
                 self._refuse(point, NO_STAMP)
             elif abs(point.stamp - newest) > KEPT * SECOND:
@@ -156,7 +156,7 @@ class PointSession:
             if isinstance(posture, str):
                 self._refuse(point, posture)
             else:
-                self._keep(_at(point, point.stamp, posture))
+                self._keep(replace(point, joints=posture))
 
     def close(self) -> None:
         """Judge what still waits and finish the bag."""
@@ -221,18 +221,6 @@ def _counted(number: int, name: str) -> str:
 
 def _named(point: TrackedPoint) -> str:
     return f'target {point.target!r}, station {point.station}'
-
-
-def _at(point: TrackedPoint, stamp: int, joints: Array | None = None) -> TrackedPoint:
-    return TrackedPoint(
-        stamp,
-        point.target,
-        point.station,
-        point.position,
-        point.orientation,
-        point.sigma,
-        point.joints if joints is None else joints,
-    )
 
 
 def _measurement(arm: Arm, points: list[TrackedPoint]) -> PointMeasurement:

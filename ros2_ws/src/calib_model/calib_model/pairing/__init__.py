@@ -66,6 +66,7 @@ if TYPE_CHECKING:
         SteadySettings as SteadySettings,
     )
     from calib_model.pairing.stream_columns import (
+        joint_layout as joint_layout,
         little_endian as little_endian,
     )
     from calib_model.pairing.streams import (

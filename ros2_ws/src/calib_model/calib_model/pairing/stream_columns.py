@@ -63,12 +63,9 @@ def joint_blocks(messages: Sequence[bytes]) -> Iterator[JointBlock]:
     Raises:
         ValueError: a message is no JointState.
     """
-    for rows, table in _tables(messages, _joint_layout):
-        layout = _joint_layout(table[0].tobytes())
-        names = tuple(
-            table[0, begin : begin + length - 1].tobytes().decode('utf-8', 'replace')
-            for begin, length in layout.strings[1:]
-        )
+    for rows, table in _tables(messages, joint_layout):
+        layout = joint_layout(table[0].tobytes())
+        names = layout.names(table[0].tobytes())
         position = _column(table, layout.values, '<f8', layout.count)
         # some publish fewer positions than names, or none: of which joints, nobody knows
         names = names if layout.count >= len(names) else ()
@@ -88,7 +85,7 @@ def reading_blocks(messages: Sequence[bytes]) -> Iterator[ReadingBlock]:
 
 
 @dataclass(frozen=True)
-class _Layout:
+class Layout:
     """Where things are (bytes): `strings` with begin and length, `count` doubles at `values`.
 
     `fixed` are the places that must be equal for two messages of one length to be of one layout:
@@ -99,6 +96,13 @@ class _Layout:
     values: int
     count: int
     fixed: NDArray[np.int64]
+
+    def names(self, data: bytes) -> tuple[str, ...]:
+        """The joints that a joint state of this layout names; the first string is its frame."""
+        return tuple(
+            data[begin : begin + length - 1].decode('utf-8', 'replace')
+            for begin, length in self.strings[1:]
+        )
 
 
 class _Reading:
@@ -140,7 +144,12 @@ class _Reading:
             raise ValueError(f'not a {self.kind}: too short')
 
 
-def _joint_layout(data: bytes) -> _Layout:
+def joint_layout(data: bytes) -> Layout:
+    """Where things are in a JointState message, CDR and little-endian.
+
+    Raises:
+        ValueError: it is none, or has more joints or longer names than an arm.
+    """
     found = _Reading(data, JOINT_STATE)
     strings = [found.string(counts=False)]
     number = found.length(MOST_NAMES)
@@ -150,19 +159,19 @@ def _joint_layout(data: bytes) -> _Layout:
     if count:
         found.align(8)
     found.room(8 * count)
-    return _Layout(tuple(strings), found.at, count, np.array(found.fixed))
+    return Layout(tuple(strings), found.at, count, np.array(found.fixed))
 
 
-def _reading_layout(data: bytes) -> _Layout:
+def _reading_layout(data: bytes) -> Layout:
     found = _Reading(data, DISPLACEMENTS)
     frame = found.string(counts=False)
     found.align(8)
     found.room(27)
-    return _Layout((frame,), found.at, 3, np.array(found.fixed))
+    return Layout((frame,), found.at, 3, np.array(found.fixed))
 
 
 def _tables(
-    messages: Sequence[bytes], layout_of: Callable[[bytes], _Layout]
+    messages: Sequence[bytes], layout_of: Callable[[bytes], Layout]
 ) -> Iterator[tuple[Rows, Bytes]]:
     """Messages of one layout as rows of bytes (N, length), and which they are."""
     found = 0

@@ -101,7 +101,7 @@ class RecordedStreams:
 
     def stretches(self) -> Iterator[RecordedStreams]:
         """What was received until one of the streams began anew with earlier stamps, and so on."""
-        if not (_falls(self.joint_stamp) or _falls(self.reading_stamp)):
+        if not any(_fallen(each).any() for each in (self.joint_stamp, self.reading_stamp)):
             yield self
             return
         number = np.concatenate([self.joint_number, self.reading_number])
@@ -140,10 +140,10 @@ class RecordedStreams:
         )
 
 
-def _falls(stamp: Rows, step_back: int = STEP_BACK) -> bool:
-    """Whether stamps (N,), as received, fall back by more than `step_back` behind the newest."""
+def _fallen(stamp: Rows, step_back: int = STEP_BACK) -> NDArray[np.bool_]:
+    """Which of the stamps (N,), as received, are more than `step_back` behind the newest."""
     newest: Rows = np.maximum.accumulate(stamp)
-    return bool((newest - stamp > step_back).any())
+    return newest - stamp > step_back
 
 
 def in_order(stamp: Rows, lateness: float) -> Rows:
@@ -186,5 +186,5 @@ def _first_fall(stamp: Rows, stream: Rows, step_back: int) -> int | None:
     falls = np.zeros(len(stamp), dtype=np.bool_)
     for number in np.unique(stream):
         mine = np.flatnonzero(stream == number)
-        falls[mine] = np.maximum.accumulate(stamp[mine]) - stamp[mine] > step_back
+        falls[mine] = _fallen(stamp[mine], step_back)
     return int(falls.argmax()) if falls.any() else None
