@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calib_model.descriptions import read_links
-from calib_model.kinematics import KINDS
+from calib_model.kinematics import COMPLIANCE, ENCODER
 from calib_model.measurement import Measurement
 from calib_solver.fitting import Options
 from calib_solver.identification import Identification, identify
@@ -94,7 +94,7 @@ def _measured(scene: Scene, world: World, motion: HandMotion, seed: int) -> Meas
 def _outcome(scene: Scene, used: Measurement, unseen: Measurement) -> Outcome:
     links = read_links(CONFIG / 'links/faro_sterling.yaml', scene.arm)
     eq_12 = identify(used, Options(correction='auto', joint_errors=()))
-    joints = identify(used, Options(joint_errors=KINDS, links=links))
+    joints = identify(used, Options(joint_errors=(ENCODER, COMPLIANCE), links=links))
     problem = Problem.of(unseen)
     assert eq_12.choice_12 is not None and joints.joint_error_choice is not None
     return Outcome(

@@ -268,7 +268,7 @@ def gain(record: Record) -> None:
 
 def joint_errors(record: Record) -> None:
     keys(record, JOINT_ERRORS)
-    assert set(record['identified']) <= set(record['offered']) <= {'encoder', 'compliance'}
+    assert set(record['identified']) <= set(record['offered']) <= {'encoder', 'scale', 'compliance'}
     for line in record['verdict']:
         text(line)
     count(record['folds'])
@@ -281,7 +281,8 @@ def joint_errors(record: Record) -> None:
         keys(parameter, PARAMETER, ADDED_PARAMETER)
         kind = parameter['name'].split('_')[0]
         assert kind in record['identified']
-        assert parameter['unit'] == ('rad' if kind == 'encoder' else 'rad/(N m)')
+        units = {'encoder': 'rad', 'scale': 'm/m', 'compliance': 'rad/(N m)'}
+        assert parameter['unit'] == units[kind]
         number(parameter['identified'])
 
 

@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 from simulated_calibration import Scene
 
-from calib_model.kinematics import KINDS, JointErrors, JointTerms, Links
+from calib_model.kinematics import COMPLIANCE, ENCODER, JointErrors, JointTerms, Links
 from calib_solver.problem import Problem
 
 LINKS = Links(np.array([5.0, 4.0, 4.0, 2.0, 1.0, 3.0]), np.tile([0.0, 0.01, -0.05], (6, 1)))
 
-
 NOISE = 2e-5
+#: of joints that turn
+KINDS = (ENCODER, COMPLIANCE)
 
 
 def off_by(scene: Scene, errors: JointErrors, noise: float = NOISE) -> Scene:

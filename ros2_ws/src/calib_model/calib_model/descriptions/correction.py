@@ -36,7 +36,7 @@ def parse_correction(text: str, source: str = 'correction') -> Correction:
     joints = tuple(names)
     errors = turn = shift = attitude = None
     if 'joint_errors' in top:
-        row = top.mapping('joint_errors', ('encoder', 'compliance', 'load'))
+        row = top.mapping('joint_errors', ('encoder', 'scale', 'compliance', 'load'))
         errors = _joint_errors(row, joints)
     if 'repeatability' in top:
         rows = top.mapping('repeatability', ('turn', 'shift', 'attitude'))
@@ -62,12 +62,15 @@ def _joint_errors(row: Fields, joints: tuple[str, ...]) -> JointErrors:
         encoder = _harmonics(row, 'encoder', ('cosine', 'sine'), len(joints))
         values.append(encoder)
         harmonics = len(encoder) // 2
+    if 'scale' in row:
+        values.append(np.array([row.numbers('scale', len(joints))]))
     if 'compliance' in row:
         values.append(np.array([row.numbers('compliance', len(joints))]))
         links = links_of(row.mapping('load', ('gravity', 'links')), joints)
     if not values:
-        raise DescriptionError(row.source, row.where, "expected 'encoder' or 'compliance'")
-    return JointErrors(JointTerms(harmonics, links), np.concatenate(values))
+        wanted = "expected 'encoder', 'scale' or 'compliance'"
+        raise DescriptionError(row.source, row.where, wanted)
+    return JointErrors(JointTerms(harmonics, links, 'scale' in row), np.concatenate(values))
 
 
 def _harmonics(top: Fields, key: str, parts: tuple[str, ...], n: int) -> Array:
@@ -88,6 +91,8 @@ def correction_yaml(correction: Correction) -> str:
         rows: dict[str, Any] = {}
         if errors.terms.harmonics:
             rows['encoder'] = _orders(errors.values[: 2 * errors.terms.harmonics], ('',))
+        if errors.terms.scale:
+            rows['scale'] = errors.values[2 * errors.terms.harmonics].tolist()
         if errors.terms.links is not None:
             rows['compliance'] = errors.values[-1].tolist()
             rows['load'] = links_rows(errors.terms.links, correction.joint_names)

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
         ENCODER as ENCODER,
         ENCODER_HARMONICS as ENCODER_HARMONICS,
         KINDS as KINDS,
+        SCALE as SCALE,
         JointErrors as JointErrors,
         JointTerms as JointTerms,
         harmonic_basis as harmonic_basis,

@@ -13,8 +13,8 @@ from calib_model.kinematics.gravity import Links, gravity_torques
 
 #: an eccentric disc errs once per turn, an oval one or two read heads twice
 ENCODER_HARMONICS = 2
-ENCODER, COMPLIANCE = 'encoder', 'compliance'
-KINDS = (ENCODER, COMPLIANCE)
+ENCODER, SCALE, COMPLIANCE = 'encoder', 'scale', 'compliance'
+KINDS = (ENCODER, SCALE, COMPLIANCE)
 
 
 def harmonic_basis(q: Array, harmonics: int) -> Array:
@@ -29,18 +29,20 @@ def harmonic_basis(q: Array, harmonics: int) -> Array:
 class JointTerms:
     """Functions of the posture by which a joint may be off what its encoder reads.
 
-    Per joint j: cos(k q_j) and sin(k q_j) for k = 1 .. `harmonics` and, with `links`, the torque
-    of gravity. All are functions of the angles as read, q_j that of the joint itself where it is
-    coupled to another; of a joint that slides they are zero.
+    Per joint j that turns: cos(k q_j) and sin(k q_j) for k = 1 .. `harmonics` and, with `links`,
+    the torque of gravity. Per joint that slides, with `scale`: q_j, metres for a metre told. All
+    are functions of the positions as read, q_j that of the joint itself where it is coupled to
+    another; they are zero for joints of the other type.
     """
 
     harmonics: int = 0
     links: Links | None = None
+    scale: bool = False
 
     @property
     def count(self) -> int:
         """Functions per joint."""
-        return 2 * self.harmonics + (self.links is not None)
+        return 2 * self.harmonics + self.scale + (self.links is not None)
 
     @property
     def names(self) -> tuple[tuple[str, str, str], ...]:
@@ -48,12 +50,15 @@ class JointTerms:
         rows = []
         for order in range(1, self.harmonics + 1):
             rows += [(ENCODER, f'encoder_{part}{order}_', 'rad') for part in ('cos', 'sin')]
+        if self.scale:
+            rows.append((SCALE, 'scale_', 'm/m'))
         if self.links is not None:
             rows.append((COMPLIANCE, 'compliance_', 'rad/(N m)'))
         return tuple(rows)
 
     def basis(self, arm: Arm, q: Array) -> Array:
-        """The functions (N, count, n) at postures q (N, n), rad: without unit, torques in N m.
+        """The functions (N, count, n) at postures q (N, n): harmonics without unit, lengths in m,
+        torques in N m.
 
         Raises:
             DataError: `q` has not the arm's number of joints.
@@ -64,13 +69,15 @@ class JointTerms:
         if self.links is not None:
             basis[:, -1] = gravity_torques(arm, self.links, q)
         basis[:, :, arm.prismatic] = 0.0
+        if self.scale:
+            basis[:, 2 * self.harmonics] = np.where(arm.prismatic, turned, 0.0)
         return basis
 
 
 @dataclass(frozen=True, eq=False)
 class JointErrors:
-    """Joints that have really turned by sum_t values[t] * basis_t(q) more; `values` (count, n), in
-    rad, or rad/(N m) for compliance."""
+    """Joints that have really moved by sum_t values[t] * basis_t(q) more; `values` (count, n), in
+    rad, m/m for scale, or rad/(N m) for compliance."""
 
     terms: JointTerms
     values: Array
@@ -79,7 +86,7 @@ class JointErrors:
         object.__setattr__(self, 'values', frozen(self.values))
 
     def angles(self, arm: Arm, q: Array) -> Array:
-        """How far the positions q (N, n) are off what is read (N, n), rad.
+        """How far the positions q (N, n) are off what is read (N, n), rad (m).
 
         Raises:
             DataError: `q` has not the arm's number of joints.

@@ -31,6 +31,8 @@ DEFAULT_SIGMA: dict[str, float] = {
     'probe_rotation': 2e-1,
     # a disc of an encoder some micrometres off its axis; a joint that gives 1 mrad to 50 N m
     'encoder': 1e-4,
+    # a rail's rack or scale, some tenths of a mm over a metre
+    'scale': 2e-4,
     'compliance': 2e-5,
 }
 
@@ -39,9 +41,9 @@ DEFAULT_SIGMA: dict[str, float] = {
 class Parameter:
     """One parameter of the model.
 
-    `kind` is a, alpha, d, theta_0, beta, probe_translation or probe_rotation, and encoder or
-    compliance where joint errors are identified; `joint` counts from 1 and is 0 for the probe's;
-    `nominal` in `unit` (m, rad or rad/(N m)). `reason` says why it is frozen.
+    `kind` is a, alpha, d, theta_0, beta, probe_translation or probe_rotation, and encoder, scale
+    or compliance where joint errors are identified; `joint` counts from 1 and is 0 for the probe's;
+    `nominal` in `unit` (m, rad, m/m or rad/(N m)). `reason` says why it is frozen.
     """
 
     name: str

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from calib_model.descriptions import correction_yaml, parse_correction
 from calib_model.errors import DataError, DescriptionError
-from calib_model.instruments import Arm
+from calib_model.instruments import PRISMATIC, Arm
 from calib_model.kinematics.correction import Attitude, CorrectedArm, Correction, Shift
 from calib_model.kinematics.forward import forward_kinematics, points
 from calib_model.kinematics.gravity import Links, gravity_torques
@@ -79,6 +81,17 @@ def test_joints_shift_and_attitude_are_what_they_are_said_to_be(kr5: Arm) -> Non
     np.testing.assert_allclose(by_matrix, expected, rtol=0, atol=1e-14)
 
 
+def test_a_joint_that_slides_goes_by_its_scale_farther_than_it_tells(kr5: Arm) -> None:
+    rail = replace(kr5.joints[1], type=PRISMATIC, direction=-1)
+    arm = replace(kr5, joints=(kr5.joints[0], rail, *kr5.joints[2:]))
+    errors = JointErrors(JointTerms(scale=True), np.full((1, 6), 2.5e-3))
+    text = correction_yaml(Correction(arm.joint_names, errors))
+    q = np.random.default_rng(6).uniform(-2, 2, (5, 6))
+    there = q * np.where(arm.prismatic, 1 + 2.5e-3, 1.0)
+    corrected = CorrectedArm(arm, parse_correction(text))
+    np.testing.assert_allclose(corrected.forward(q), forward_kinematics(arm, there), atol=1e-15)
+
+
 def test_without_a_correction_it_is_the_arm_itself(kr5: Arm) -> None:
     q = np.random.default_rng(5).uniform(-2, 2, (4, 6))
     bare = CorrectedArm(kr5)
@@ -102,7 +115,8 @@ def test_texts_that_cannot_be_used_say_where(kr5: Arm) -> None:
         'joints: 3': "list of the joints' names",
         'joints: [a]\njoint_errors: {encoder: [{order: 2, cosine: [0], sine: [0]}]}': 'expected 1',
         'joints: [a]\njoint_errors: {compliance: [0.0]}': "missing key 'load'",
-        'joints: [a]\njoint_errors: {}': "expected 'encoder' or 'compliance'",
+        'joints: [a]\njoint_errors: {}': "expected 'encoder', 'scale' or 'compliance'",
+        'joints: [a]\njoint_errors: {scale: [0, 1]}': '1 numbers',
         'joints: [a]\nrepeatability: {turn: [{order: 1, cosine: [0, 1], sine: [0]}]}': '1 numbers',
         text.replace('repeatability', 'repeatibility'): "unknown key 'repeatibility'",
         text.replace('attitude:', 'attitude: 3\n  other:'): 'expected a mapping',

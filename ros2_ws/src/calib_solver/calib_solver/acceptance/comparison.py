@@ -201,7 +201,11 @@ def _terms(earlier: StoredResult, later: StoredResult) -> JointTerms | None:
     links = [one.links for one in terms if one.links is not None]
     if len(links) == 2 and repr(links[0]) != repr(links[1]):
         raise DataError(f'{later.folder}: other masses of the links than in {earlier.folder}')
-    return JointTerms(max(one.harmonics for one in terms), links[0] if links else None)
+    return JointTerms(
+        max(one.harmonics for one in terms),
+        links[0] if links else None,
+        any(one.scale for one in terms),
+    )
 
 
 def positions(

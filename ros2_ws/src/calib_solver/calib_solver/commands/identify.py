@@ -99,9 +99,10 @@ def arguments() -> CommandParser:
         '--joint-errors',
         default='auto',
         metavar='KINDS',
-        help='identify encoder, compliance or both (encoder,compliance) with the D-H parameters, '
-        'as far as locations left out get better by it; auto (default): encoder, and compliance '
-        'where --links is given; none',
+        help='identify encoder, scale (of joints that slide), compliance or several '
+        '(encoder,compliance) with the D-H parameters, as far as locations left out get better by '
+        'it; auto (default): encoder, scale of an arm on a rail, and compliance where --links is '
+        'given; none',
     )
     parser.add_argument(
         '--links',

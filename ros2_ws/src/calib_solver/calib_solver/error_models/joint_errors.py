@@ -16,6 +16,7 @@ from calib_model.kinematics import (
     ENCODER,
     ENCODER_HARMONICS,
     KINDS,
+    SCALE,
     JointTerms,
     Links,
     ParameterTable,
@@ -26,6 +27,10 @@ from calib_solver.problem import Folds, IntArray
 
 #: a joint on which gravity's torque stays below this (N m) says nothing of its compliance
 LEAST_TORQUE = 1e-6
+#: where a rail's scale is, and where users would look for it in vain
+IN_NO_URDF = '; correction.yaml has it: no URDF can'
+#: a rail that moves less than this (m) says nothing of its scale
+LEAST_TRAVEL = 0.01
 
 
 @dataclass(frozen=True)
@@ -63,6 +68,7 @@ class JointErrorChoice:
         return [
             f'joint errors, {one.kind} {"identified" if one.accepted else "refused"}: '
             f'{self.left_out} left out change by {one.gain.words}'
+            f'{IN_NO_URDF if one.kind == SCALE and one.accepted else ""}'
             for one in self.tried
             if one.accepted or self.asked
         ]
@@ -77,20 +83,27 @@ def chosen_kinds(text: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(part.strip() for part in text.split(',') if part.strip()))
 
 
-def checked_kinds(kinds: tuple[str, ...], links: Links | None) -> tuple[str, ...]:
-    """The kinds themselves, AUTO those that can be identified.
+def checked_kinds(
+    kinds: tuple[str, ...], links: Links | None, arm: Arm | None = None
+) -> tuple[str, ...]:
+    """The kinds themselves, AUTO those that can be identified of an arm.
 
     Raises:
-        DataError: an unknown kind, or compliance without the masses of the links.
+        DataError: an unknown kind, compliance without the masses of the links, or the scale of an
+            arm whose joints all turn.
     """
+    slides = arm is not None and bool(arm.prismatic.any())
     if kinds == (AUTO,):
-        return (ENCODER,) if links is None else (ENCODER, COMPLIANCE)
+        given = {ENCODER: True, SCALE: slides, COMPLIANCE: links is not None}
+        return tuple(kind for kind in KINDS if given[kind])
     for kind in kinds:
         if kind not in KINDS:
             known = ', '.join((AUTO, 'none', *KINDS))
             raise DataError(f'no joint error {kind!r}: expected one of {known}')
     if COMPLIANCE in kinds and links is None:
         raise DataError('joint error compliance: the masses of the links are not given (--links)')
+    if SCALE in kinds and arm is not None and not slides:
+        raise DataError(f'joint error scale: no joint of {arm.name} slides')
     return kinds
 
 
@@ -101,19 +114,30 @@ def table_with(
     kinds: tuple[str, ...],
     links: Links | None,
 ) -> ParameterTable:
-    """The table with the columns of some kinds; torques that are not felt in postures
-    `joints` (N, n) are held at zero."""
+    """The table with the columns of some kinds; what postures `joints` (N, n) do not tell, torques
+    that are not felt and rails that stand, is held at zero."""
     terms = JointTerms(
-        ENCODER_HARMONICS if ENCODER in kinds else 0, links if COMPLIANCE in kinds else None
+        ENCODER_HARMONICS if ENCODER in kinds else 0,
+        links if COMPLIANCE in kinds else None,
+        SCALE in kinds,
     )
     wider = table.with_joint_terms(terms)
-    if terms.links is None:
-        return wider
-    torque = np.abs(terms.basis(arm, joints)[:, -1]).max(axis=0)
-    for joint in np.flatnonzero(torque < LEAST_TORQUE) + 1:
-        name = f'compliance_{joint}'
-        reason = f'{name}: gravity does not turn joint {joint}'
-        wider = wider.frozen_at([wider.column(name)], reason)
+    if terms.links is not None:
+        torque = np.abs(terms.basis(arm, joints)[:, -1]).max(axis=0)
+        for joint in np.flatnonzero(torque < LEAST_TORQUE) + 1:
+            name = f'compliance_{joint}'
+            reason = f'{name}: gravity does not turn joint {joint}'
+            wider = wider.frozen_at([wider.column(name)], reason)
+    if terms.scale:
+        travel = np.ptp(terms.basis(arm, joints)[:, 2 * terms.harmonics], axis=0)
+        for joint in np.flatnonzero(travel < LEAST_TRAVEL) + 1:
+            name = f'scale_{joint}'
+            does = 'stands still' if arm.prismatic[joint - 1] else 'does not slide'
+            reason = f'{name}: joint {joint} {does}'
+            wider = wider.frozen_at([wider.column(name)], reason)
+    for joint in np.flatnonzero(arm.prismatic) + 1 if terms.harmonics else ():
+        reason = f'joint {joint} slides: it has no angle'
+        wider = wider.frozen_at(wider.matching(f'{ENCODER}_*_{joint}'), reason)
     return wider
 
 
@@ -125,7 +149,7 @@ def choose_joint_errors(folds: Folds, solver: Solver, fit: Fit) -> JointErrorCho
     parameters and mount are fitted anew with each.
     """
     problem, options = folds.problem, solver.options
-    kinds = checked_kinds(options.joint_errors, options.links)
+    kinds = checked_kinds(options.joint_errors, options.links, problem.measured.arm)
     asked = options.joint_errors != (AUTO,)
     count = len(problem.locations)
     if count < FEWEST_LOCATIONS:

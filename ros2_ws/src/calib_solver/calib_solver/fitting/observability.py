@@ -125,7 +125,7 @@ def _free(
 
 
 def quantity(value: float, unit: str) -> str:
-    """A length in mm, an angle in mrad or a compliance in urad/(N m), for people."""
-    if unit == 'rad/(N m)':
-        return f'{value * 1e6:.2g} urad/(N m)'
+    """A length in mm, an angle in mrad, a compliance in urad/(N m), a scale in um/m, for people."""
+    if unit in ('rad/(N m)', 'm/m'):
+        return f'{value * 1e6:.2g} u{unit}'
     return f'{value * 1e3:.2g} {"mm" if unit == "m" else "mrad"}'

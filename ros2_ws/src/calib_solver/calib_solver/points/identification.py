@@ -102,6 +102,7 @@ def _solved(
     problem: PointProblem, solver: PointSolver, start: Descent
 ) -> tuple[PointSolver, Fit, Descent, PointProblem, JointErrorChoice | None]:
     """The minimum, with the weight of rotations, the widths and the joint errors that fit."""
+    begun = problem.turn_weight
     fit, descent = solver.solve(problem, replace(start, times=None))
     solver, fit, descent, problem = _weighed(problem, solver, fit, descent)
     if not solver.options.joint_errors:
@@ -114,6 +115,8 @@ def _solved(
         )
         solver, descent = solver.widened(table, descent)
         solver.begin_at(places)
+        # what a rail's scale left in positions was no reason to trust rotations more
+        problem = problem.turns_weighing(begun)
         fit, descent = solver.solve(problem, descent)
         solver, fit, descent, problem = _weighed(problem, solver, fit, descent)
     return solver, fit, descent, problem, errors

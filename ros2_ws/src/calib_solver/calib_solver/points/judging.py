@@ -126,7 +126,7 @@ def choose_point_errors(
 ) -> JointErrorChoice:
     """Joint errors that groups left out want, as for probing poses."""
     options = solver.options
-    kinds = checked_kinds(options.joint_errors, options.links)
+    kinds = checked_kinds(options.joint_errors, options.links, problem.arm)
     asked = options.joint_errors != (AUTO,)
     if groups is None or groups.count < FEWEST_STATIONS:
         few = f'{len(problem)} points are too few to judge them by'

@@ -49,11 +49,11 @@ typedef struct {
     const double *cosine, *sine, *slide, *centers, *weight;
 } Poses;
 
-/* A joint is off by sum_t values[t] basis_t: cos(k q), sin(k q) for k = 1 .. count / 2 and, where
- * count is odd, the torque on it at last. */
+/* A joint is off by sum_t values[t] basis_t: cos(k q), sin(k q) for k = 1 .. harmonics of one that
+ * turns, and the others as they are given: the travel of one that slides, the torque on it. */
 typedef struct {
-    long count;
-    const double *values, *torque;
+    long count, harmonics;
+    const double *values, *given;
 } JointTerms;
 
 typedef struct {
@@ -133,7 +133,7 @@ static void set_arm(Arm *arm, const double *geometry, const double *mount, const
 /* the first of the inputs are those of both passes */
 enum {
     COSINE, SINE, SLIDE, CENTERS, WEIGHT, START, GEOMETRY, DIRECTION, SLIDES, MOUNT, COLUMNS, VALUES,
-    TORQUE, INPUTS
+    GIVEN, INPUTS
 };
 enum { POSITION = INPUTS, TURN_WEIGHT, TURN, POINT_INPUTS };
 enum { OUT_WEIGHT, OUT_REFERENCE, OUT_MOMENT, OUT_SPREAD, OUT_JACOBIAN, OUT_NORMAL, OUTPUTS };
@@ -151,13 +151,13 @@ typedef struct {
 static int sizes_fit(const Py_buffer *in, const Task *task)
 {
     const Py_ssize_t word = 8, n = task->arm.n, count = task->poses.count;
-    const Py_ssize_t torques = task->terms.count % 2 ? n * count : 0;
+    const Py_ssize_t given = task->terms.count - 2 * task->terms.harmonics;
     int fit = in[COSINE].len == n * count * word && in[SINE].len == in[COSINE].len
               && in[CENTERS].len == 3 * count * word && in[GEOMETRY].len == 5 * n * word
               && in[MOUNT].len == MOUNT_SIZE * word && in[DIRECTION].len == n * word
               && in[SLIDES].len == n * word && in[SLIDE].len == task->poses.slides * count * word
               && in[VALUES].len == task->terms.count * n * word && task->terms.count <= MOST_TERMS
-              && in[TORQUE].len == torques * word;
+              && given >= 0 && in[GIVEN].len == given * n * count * word;
     for (long s = 0; fit && s < task->groups; ++s)
         fit = task->start[s] >= 0 && task->start[s] <= task->start[s + 1]
               && task->start[s + 1] <= count;
@@ -179,8 +179,9 @@ static int set_task(Task *task, const Py_buffer *in, long behind, long first, lo
     task->start = in[START].buf;
     task->poses = (Poses){count, count ? (long)(in[SLIDE].len / 8 / count) : 0, in[COSINE].buf,
                           in[SINE].buf, in[SLIDE].buf, in[CENTERS].buf, in[WEIGHT].buf};
-    task->terms = (JointTerms){n ? (long)(in[VALUES].len / 8 / n) : 0, in[VALUES].buf,
-                               in[TORQUE].buf};
+    const long terms = n ? (long)(in[VALUES].len / 8 / n) : 0;
+    const long given = n && count ? (long)(in[GIVEN].len / 8 / n / count) : 0;
+    task->terms = (JointTerms){terms, (terms - given) / 2, in[VALUES].buf, in[GIVEN].buf};
     task->columns = (Columns){(long)(in[COLUMNS].len / 8), 0, in[COLUMNS].buf};
     task->columns.padded = (task->columns.count + behind + TILE - 1) / TILE * TILE;
     if (n < 1 || n > MOST_JOINTS || first < 0 || last > task->groups || !sizes_fit(in, task))
@@ -307,7 +308,7 @@ PyDoc_STRVAR(accumulate_doc,
 "Add the sums of the spheres from `first` to before `last` to zeroed `outputs`.\n\n"
 "inputs: cosine (n, N), sine (n, N), slide (P, N), centers (N, 3), weight (N,),\n"
 "start (S + 1,) int64, geometry (5, n), direction (n,), slides (n,) int64, mount (45,),\n"
-"columns (F,) int64, values (T, n), torque (n, N) where T is odd and else (0,).\n"
+"columns (F,) int64, values (T, n), the last E functions, which are no harmonics, (E, n, N).\n"
 "outputs: weight (S,), reference (S, 3),\n"
 "moment (S, 3), spread (S, 3), jacobian (S, 3, F), normal (S, P, P) with P = F + 1 rounded up\n"
 "to a multiple of 4, upper tiles only, its column F the deviations. All C-contiguous.\n"

@@ -9,7 +9,7 @@
 /* what the joints are off by, from the angles read: `basis`, and the angles as they are */
 static void PASS(joint_errors)(const Arm *arm, const JointTerms *terms, Frames *f)
 {
-    const long harmonics = terms->count / 2;
+    const long harmonics = terms->harmonics;
     for (int i = 0; i < arm->n; ++i) {
         const double direction = arm->joint[i].direction;
         lanes c, s, off;
@@ -30,11 +30,16 @@ static void PASS(joint_errors)(const Arm *arm, const JointTerms *terms, Frames *
         for (long t = 0; t < terms->count; ++t) {
             const double value = terms->values[t * arm->n + i];
             for (int l = 0; l < LANES; ++l) {
-                /* of a joint that slides nothing is known by its angle */
-                if (arm->joint[i].slide >= 0)
+                /* a joint that slides has no angle */
+                if (t < 2 * harmonics && arm->joint[i].slide >= 0)
                     f->basis[t][i][l] = 0.0;
                 off[l] += value * f->basis[t][i][l];
             }
+        }
+        if (arm->joint[i].slide >= 0) {
+            for (int l = 0; l < LANES; ++l)
+                f->slide[i][l] += direction * off[l];
+            continue;
         }
         for (int l = 0; l < LANES; ++l) {
             const double cosine = cos(off[l]), sine = direction * sin(off[l]);
@@ -147,7 +152,11 @@ static void PASS(column)(const Arm *arm, Frames *f, lanes *point, lanes *turned,
         const double *basis = f->basis[(which - 6) / n][i];
         lanes felt;
         for (int l = 0; l < LANES; ++l)
-            felt[l] = scale[l] * basis[l];
+            felt[l] = scale[l] * basis[l] * (arm->joint[i].slide < 0 ? 1.0 : arm->joint[i].direction);
+        if (arm->joint[i].slide >= 0) {
+            PASS(slide)(column, f->joint[i].z_joint, felt);
+            return;
+        }
         PASS(turn)(column, f->joint[i].z_joint, point, f->joint[i].o_joint, felt,
                    arm->joint[i].direction);
         return;
@@ -213,8 +222,10 @@ static void PASS(place)(const Arm *arm, const JointTerms *terms, const Poses *po
             f->cosine[i][l] = poses->cosine[i * poses->count + row];
             f->sine[i][l] = poses->sine[i * poses->count + row];
             f->slide[i][l] = slide < 0 ? 0.0 : poses->slide[slide * poses->count + row];
-            if (terms->count % 2)
-                f->basis[terms->count - 1][i][l] = terms->torque[i * poses->count + row];
+            for (long t = 2 * terms->harmonics; t < terms->count; ++t) {
+                const long given = (t - 2 * terms->harmonics) * arm->n + i;
+                f->basis[t][i][l] = terms->given[given * poses->count + row];
+            }
         }
     }
     if (terms->count)

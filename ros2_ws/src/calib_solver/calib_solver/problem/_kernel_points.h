@@ -17,7 +17,7 @@ static void PASS(turning)(const Arm *arm, Frames *f, long which, const double *s
     } else if (which >= 5 * n + 6) {
         const long i = (which - 5 * n - 6) % n;
         const double *basis = f->basis[(which - 5 * n - 6) / n][i];
-        axis = f->joint[i].z_joint;
+        axis = arm->joint[i].slide < 0 ? f->joint[i].z_joint : NULL;
         factor = arm->joint[i].direction;
         for (int l = 0; l < LANES; ++l)
             felt[l] *= basis[l];

@@ -184,16 +184,17 @@ def _model(arm: Arm, table: ParameterTable, full: Array) -> tuple[Array | IntArr
 def _joint_terms(
     arm: Arm, probe: Probe, table: ParameterTable, full: Array, joints: Array
 ) -> tuple[Array, Array]:
-    """The joint errors' values (T, n), and the torques (n, N) where compliance is among them."""
+    """The joint errors' values (T, n), and the last E of their functions (E, n, N), the ones that
+    are no harmonics."""
     errors = table.joint_errors(full)
     if errors is None:
         return np.zeros((0, table.n)), np.zeros(0)
     values = np.ascontiguousarray(errors.values)
-    if errors.terms.links is None:
+    others = replace(errors.terms, harmonics=0)
+    if not others.count:
         return values, np.zeros(0)
     applied, _ = table.apply(full, arm, probe)
-    torque = replace(errors.terms, harmonics=0).basis(applied, joints)[:, 0]
-    return values, np.ascontiguousarray(torque.T)
+    return values, np.ascontiguousarray(others.basis(applied, joints).transpose(1, 2, 0))
 
 
 def _spread(start: IntArray, run: Callable[[int, int], None]) -> None:

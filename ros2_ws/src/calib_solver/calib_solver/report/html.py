@@ -17,7 +17,12 @@ from calib_solver.report.svg import figure
 
 MM, DEGREE = 1e3, 57.29577951308232
 #: for people: the factor from SI and the unit's name
-UNITS = {'m': (MM, 'mm'), 'rad': (DEGREE, '°'), 'rad/(N m)': (1e6, 'µrad/(N m)')}
+UNITS = {
+    'm': (MM, 'mm'),
+    'rad': (DEGREE, '°'),
+    'rad/(N m)': (1e6, 'µrad/(N m)'),
+    'm/m': (1e6, 'µm/m'),
+}
 NOTHING = '–'
 
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from simulated_calibration import Scene, active, kr5, passive, simulate
-from simulated_joint_errors import LINKS, off_by, parts, true_errors
+from simulated_joint_errors import KINDS, LINKS, off_by, parts, true_errors
 
 from calib_model.errors import DataError
-from calib_model.kinematics import KINDS, JointErrors, JointTerms, identifiable_table, points
+from calib_model.kinematics import JointErrors, JointTerms, identifiable_table, points
 from calib_solver.error_models.joint_errors import chosen_kinds, table_with
 from calib_solver.fitting import AUTO, Options
 from calib_solver.identification import identify
@@ -160,6 +160,8 @@ def test_what_cannot_be_offered_is_refused_at_once(plain):
         identify(plain.measured, Options(joint_errors=('backlash',)))
     with pytest.raises(DataError, match='masses of the links are not given'):
         identify(plain.measured, Options(joint_errors=('compliance',)))
+    with pytest.raises(DataError, match='joint error scale: no joint of kr5 slides'):
+        identify(plain.measured, Options(joint_errors=('scale',)))
     assert chosen_kinds(' encoder, compliance,encoder ') == ('encoder', 'compliance')
     assert chosen_kinds('') == chosen_kinds('auto') == (AUTO,)
     assert chosen_kinds('none') == ()

@@ -16,9 +16,15 @@ from simulated_calibration import (
     stanford,
     with_rail,
 )
+from simulated_joint_errors import off_by
 
 from calib_model.instruments import Arm, PassiveProbe
-from calib_model.kinematics import forward_kinematics, identifiable_table
+from calib_model.kinematics import (
+    JointErrors,
+    JointTerms,
+    forward_kinematics,
+    identifiable_table,
+)
 from calib_model.urdf import arm_from_urdf, arm_urdf
 from calib_solver.fitting import NO_PRIOR, Options
 from calib_solver.identification import identify
@@ -73,6 +79,17 @@ def test_the_line_of_a_rail_in_between_is_named_with_what_tells_the_same():
     reason = table.parameters[table.column('a2')].reason
     assert reason == 'a2 shows only together with a3, next to a joint that slides'
     assert table.parameters[table.column('d2')].free  # the shoulder's offset is no line of a rail
+
+
+def test_poses_of_a_gauge_tell_the_scale_of_a_rail(railed: Scene):
+    values = np.where(railed.true.prismatic, 2.4e-4, 0.0)
+    scene = off_by(railed, JointErrors(JointTerms(scale=True), values[None]))
+    done = identify(scene.measured, Options(joint_errors=('scale',)))
+    assert done.joint_error_choice.accepted == ('scale',)
+    found = next(one for one in done.estimates if one.parameter.name == 'scale_1')
+    within = 4 * found.standard_uncertainty
+    assert found.identifiable and within < 1e-4
+    assert found.identified == pytest.approx(2.4e-4, abs=within)
 
 
 def test_a_user_frees_such_a_parameter_all_the_same():

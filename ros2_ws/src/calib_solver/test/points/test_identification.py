@@ -22,6 +22,7 @@ from calib_model.kinematics import (
 from calib_model.measured_points import PointMeasurement
 from calib_model.transforms import rotation_matrix, rotation_vectors
 from calib_model.urdf import arm_from_urdf, arm_urdf
+from calib_solver.error_models import table_with
 from calib_solver.fitting import DEFAULT_PRIOR, NO_PRIOR, Options
 from calib_solver.points import (
     PointIdentification,
@@ -29,7 +30,7 @@ from calib_solver.points import (
     held_out_points,
     identify_points,
 )
-from calib_solver.points.problem import PointProblem
+from calib_solver.points.problem import PointProblem, points_table
 from calib_solver.resampling import Plan, in_processes, resample_points
 
 NOISE, TURN_NOISE = 4e-5, 9e-5
@@ -244,6 +245,37 @@ def test_encoders_that_sit_eccentric_are_identified_where_groups_left_out_want_i
     assert done.joint_error_choice.accepted == ('encoder',)
     unseen = tracked(72, 60, noise=2e-5, correction=bent_encoders, world=71)
     assert held_out_points(unseen.measured, done).identified.distance.mean() < 6e-5
+
+
+@pytest.mark.parametrize('oriented', [False, True], ids=['points', 'orientations'])
+@pytest.mark.parametrize('noise', [0.0, NOISE], ids=['exact', 'noisy'])
+def test_a_rail_that_goes_farther_than_it_tells_has_its_scale_identified(noise, oriented):
+    arm = on_a_rail()
+    values = np.where(arm.prismatic, -1.7e-4, 0.0)
+    correction = Correction(arm.joint_names, JointErrors(JointTerms(scale=True), values[None]))
+    given = (160, 1, 2, oriented, noise, 2 * noise, arm, correction)
+    done = identify_points(tracked(72, *given).measured)
+    assert done.joint_error_choice.accepted == ('scale',)
+    assert done.joint_error_choice.lines[0].endswith('correction.yaml has it: no URDF can')
+    found = {one.parameter.name: one for one in done.estimates}
+    assert found['scale_1'].identifiable
+    assert found['scale_2'].reason == 'scale_2: joint 2 does not slide'
+    within = 4 * found['scale_1'].standard_uncertainty + 1e-10
+    assert found['scale_1'].identified == pytest.approx(-1.7e-4, abs=within)
+    unseen = tracked(73, 40, 1, 2, oriented, arm=arm, correction=correction, world=72)
+    judged = held_out_points(unseen.measured, done)
+    assert judged.identified.distance.max() < (6 * noise or 1e-9)
+
+
+def test_a_rail_that_stands_still_has_no_scale_to_tell():
+    arm = on_a_rail()
+    joints = tracked(74, 30, arm=arm).measured.points.joints.copy()
+    joints[:, 0] = 0.4
+    table = table_with(points_table(arm), arm, joints, ('scale', 'encoder'), None)
+    assert table.parameters[table.column('scale_1')].reason == 'scale_1: joint 1 stands still'
+    reason = table.parameters[table.column('encoder_cos2_1')].reason
+    assert reason == 'joint 1 slides: it has no angle'
+    assert table.parameters[table.column('encoder_cos2_2')].free
 
 
 def test_what_the_base_and_the_target_take_up_is_not_freed():
