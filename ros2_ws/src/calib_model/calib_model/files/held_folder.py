@@ -7,9 +7,7 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
-import shutil
 import stat
-import tempfile
 from collections.abc import Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -134,6 +132,8 @@ class HeldFolder:
     @classmethod
     def temporary(cls) -> HeldFolder:
         """The temporary folder, where this process has its copies."""
+        import tempfile  # few need it
+
         held = cls.__new__(cls)
         held.path = Path(tempfile.gettempdir())
         held.descriptor = os.open(held.path, FOLDER)
@@ -254,6 +254,8 @@ class HeldFolder:
         Raises:
             OSError: it cannot be taken away.
         """
+        import shutil  # few need it
+
         # no dir_fd before Python 3.11; what is below is gone through by descriptors
         shutil.rmtree(f'/proc/self/fd/{self.descriptor}/{name}')
 

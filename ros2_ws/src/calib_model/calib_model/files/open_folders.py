@@ -12,7 +12,6 @@ from __future__ import annotations
 import errno
 import os
 import stat
-import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -35,6 +34,8 @@ class NotPermittedError(CalibrationError):
 
 def usual_writing() -> tuple[str, ...]:
     """Where nodes write unless told otherwise: their working folder and the temporary one."""
+    import tempfile  # few need it
+
     return str(Path.cwd()), tempfile.gettempdir()
 
 

@@ -69,11 +69,12 @@ class Group:
         least_noise: float,
         kappa: float | None = None,
         scale: Array | None = None,
+        rough: bool = False,
     ) -> Fit:
         """As `minimise`, in steps of `scale` (F,) or `sigma`, its angles within half a turn of
         nominal."""
         steps = self.sigma if scale is None else scale
-        fit = minimise(evaluate, start, steps, information, least_noise, kappa)
+        fit = minimise(evaluate, start, steps, information, least_noise, kappa, rough)
         turned = np.where(self.turns, np.round(fit.x / (2 * np.pi)), 0.0)
         return replace(fit, x=fit.x - 2 * np.pi * turned) if turned.any() else fit
 
@@ -178,7 +179,8 @@ def minimise_by_evidence(
     """
     held: tuple[Fit, ...]
     if times is not None:
-        held = (group.minimised(evaluate, start, group.information(times), least_noise),)
+        information = group.information(times)
+        held = (group.minimised(evaluate, start, information, least_noise, rough=True),)
         return _tightened(evaluate, held, group, times, least_noise)
     weak = group.weak()
     held = _weakly_held(evaluate, start, group, weak, least_noise)
@@ -243,7 +245,7 @@ def _weakly_held(
     fits: tuple[Fit, ...] = ()
     left, kappa = np.inf, FIRST_NOISE**2
     for _ in range(MOST_ROUNDS):
-        fit = group.minimised(evaluate, start, information, least_noise, kappa, scale)
+        fit = group.minimised(evaluate, start, information, least_noise, kappa, scale, rough=True)
         noise = residual_noise(fit.quadratic, group.sigma, least_noise)
         if noise > LOWER * left:
             break

@@ -22,6 +22,8 @@ MOST_ITERATIONS = 100
 STEP_TOLERANCE = 1e-8
 #: a gradient is small when following it to the bottom would gain less than this part of the cost
 GAIN_TOLERANCE = 1e-12
+#: the same where a fit is only a stage on the way to another one
+ROUGH_STEP, ROUGH_GAIN = 1e-3, 1e-6
 #: lengths below this (m) are rounding: a residual of a metre-sized arm carries no more digits
 ROUNDING = 2e-15
 #: singular values of the scaled J below these parts of the largest are rounding: of J'J, whose
@@ -137,24 +139,27 @@ def minimise(
     information: Array,
     least_noise: float = 0.0,
     kappa: float | None = None,
+    rough: bool = False,
 ) -> Fit:
     """Minimise phi(x) + kappa x'diag(information)x from `start` (F,).
 
     `evaluate(x)` gives the objective at offsets x from the nominal values; `scale` (F,) is each
     parameter's natural size (m, rad), in which steps are damped and judged; `least_noise` (m^2) is
     a residual's mean square as known from elsewhere, below which kappa does not go. A `kappa` that
-    is given stays what it is.
+    is given stays what it is. A `rough` minimum is where another fit goes on from.
     """
     state = _State(evaluate, scale, information, start, least_noise, kappa)
     if len(start) == 0:
         return state.fit(True, 'no free parameters')
     damping = LEAST_DAMPING
+    least_step = ROUGH_STEP if rough else STEP_TOLERANCE
+    least_gain = ROUGH_GAIN if rough else GAIN_TOLERANCE
     idle = 0
     while state.iterations < MOST_ITERATIONS:
         state.iterations += 1
         step, gain = state.step(damping)
-        small = np.abs(step / scale).max() <= STEP_TOLERANCE
-        if small and gain <= GAIN_TOLERANCE * state.cost + state.rounding:
+        small = np.abs(step / scale).max() <= least_step
+        if small and gain <= least_gain * state.cost + state.rounding:
             state.try_step(step, gain)
             return state.fit(True, 'gradient and step below their tolerances')
         idle = idle + 1 if damping == LEAST_DAMPING and gain <= state.rounding else 0

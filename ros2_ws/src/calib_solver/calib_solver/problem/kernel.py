@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
+from threading import Thread
 
 import numpy as np
 
@@ -80,11 +80,6 @@ def threads() -> int:
     if not given.isdecimal() or len(given) > 4:
         raise ParameterError(f'CALIB_THREADS: expected a number of threads, got {given!r}')
     return int(given) or len(os.sched_getaffinity(0))
-
-
-@cache
-def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads(), 'calib_solver')
 
 
 def raw_sums(problem: Problem, table: ParameterTable, full: Array) -> RawSums:
@@ -198,17 +193,17 @@ def _joint_terms(
 
 
 def _spread(start: IntArray, run: Callable[[int, int], None]) -> None:
-    """`run` over all groups, each thread about as many rows."""
-    bounds = _shares(start)
-    if len(bounds) == 2:
-        run(0, len(start) - 1)
-        return
-    shares = [
-        _pool().submit(run, int(first), int(last))
-        for first, last in zip(bounds[:-1], bounds[1:], strict=True)
-    ]
-    for share in shares:
-        share.result()
+    """`run` over all groups, each thread about as many rows, the last of them here."""
+    bounds = _shares(start).tolist()
+    *others, own = zip(bounds[:-1], bounds[1:], strict=True)
+    beside = [Thread(target=run, args=share) for share in others]
+    for thread in beside:
+        thread.start()
+    try:
+        run(*own)
+    finally:
+        for thread in beside:
+            thread.join()
 
 
 def _shares(start: IntArray) -> IntArray:
