@@ -85,12 +85,15 @@ unit:
 	@source ./env.bash && export CALIB_THREADS=1 && \
 	python -m pytest -n auto --maxprocesses 4 --dist loadfile -m 'not system and not slow'
 
-# Faults and load for as long as it takes to trust them; the last figures go to docs/soak.md.
+# Faults and load for as long as it takes to trust them; the last figures go to docs/soak.md. The
+# load has the machine for itself, the rest goes two files at a time.
 soak: lint
 	@rm -f output/soak.json
+	@echo 'soak: load, signals, faults, recordings of an hour; an hour or two on 2 idle cores'
 	@source ./env.bash && export SOAK=1 FAULT_ROUNDS=30 CAPTURE_KILLS=20 CAPTURE_KILLS_SEED=1 && \
-	python -m pytest tests/test_load.py tests/test_large_recordings.py tests/test_ending.py \
-	  tests/test_faults_*.py \
+	python -m pytest tests/test_load.py && \
+	python -m pytest -n 2 --dist loadfile --no-loadscope-reorder tests/test_ending.py \
+	  tests/test_large_recordings.py tests/test_faults_*.py \
 	  ros2_ws/src/calib_capture/test/recording/test_resume.py
 
 bench: setup

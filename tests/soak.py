@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import platform
@@ -24,10 +25,12 @@ def note(**figures: object) -> None:
         return
     file = ROOT / 'output' / 'soak.json'
     file.parent.mkdir(exist_ok=True)
-    kept = json.loads(file.read_text()) if file.is_file() else {}
-    kept |= figures
-    file.write_text(json.dumps(kept, indent=1) + '\n')
-    (ROOT / 'docs' / 'soak.md').write_text(page(kept))
+    with file.open('a+') as held:
+        fcntl.flock(held, fcntl.LOCK_EX)  # tests go side by side
+        text = file.read_text()
+        kept = (json.loads(text) if text else {}) | figures
+        file.write_text(json.dumps(kept, indent=1) + '\n')
+        (ROOT / 'docs' / 'soak.md').write_text(page(kept))
 
 
 def page(seen: dict[str, Any]) -> str:

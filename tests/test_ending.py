@@ -13,7 +13,10 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from importlib import metadata
 from pathlib import Path
 
@@ -32,6 +35,7 @@ STANDIN = str(ROOT / 'tools' / 'ros2' / 'ros2')
 CONFIG = ROOT / 'ros2_ws' / 'src' / 'calib_bringup' / 'config'
 #: of each kind for each command, and s within which it has ended on an idle machine
 SIGNALS, SOON, SEED = (100 if SOAK else 1), 5.0, 16
+AT_ONCE = 2 if SOAK else 1  # of a command, each in a folder of its own
 pytestmark = [pytest.mark.system, pytest.mark.timeout(180 * SIGNALS)]
 SOONER, LATEST = 1.2, 4.0  # s after the start: most are done by the first, nearly all by the last
 OUT = 'out'  # what a command may write, in the folder that it is started in
@@ -105,7 +109,8 @@ def ended(words: Sequence[str], folder: Path, number: int, after: float) -> Ende
     )
     try:
         wait_until_it_hears(process, number)
-        time.sleep(after)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(after)
         process.send_signal(number)
         told = time.monotonic()
         said = process.communicate(timeout=PATIENCE)[0].decode(errors='replace')
@@ -168,24 +173,33 @@ def there(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize('name', STARTED)
-def test_a_signal_ends_it_at_any_moment_with_the_documented_code(name, given):
+def test_a_signal_ends_it_at_any_moment_with_the_documented_code(name, given, tmp_path):
     """From the first millisecond on, for as long as it loads, and at work."""
-    rng = random.Random(f'{name} {SEED}')
+    folders = [tmp_path / str(number) for number in range(AT_ONCE)]
+    for folder in folders:
+        shutil.copytree(given, folder)
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        codes = Counter(sum(pool.map(partial(signalled, name), folders), []))
+    note(**{f'ended {name}': {str(code): count for code, count in codes.items()}})
+
+
+def signalled(name: str, folder: Path) -> list[int]:
+    """What it ended with, in a folder of its own."""
+    rng = random.Random(f'{name} {folder.name} {SEED}')
     codes = (0,) if name in NODES else (0, 130)
-    before, counts = there(given), Counter()
-    shutil.rmtree(given / OUT, ignore_errors=True)
-    for number in (signal.SIGINT, signal.SIGTERM) * SIGNALS:
+    before, seen = there(folder), []
+    for number in (signal.SIGINT, signal.SIGTERM) * (SIGNALS // AT_ONCE):
         after = rng.uniform(0.0, rng.choice((SOONER, SOONER, LATEST)))
-        found = ended(STARTED[name], given, number, after)
+        found = ended(STARTED[name], folder, number, after)
         how = f'{signal.Signals(number).name} after {after:.3f} s: {found}'
         assert found.code in codes, how
         assert 'Traceback' not in found.said, how
-        assert there(given) == before, how
-        left = given / OUT  # there is nothing, or, when its work was done, all of it
+        assert there(folder) == before, how
+        left = folder / OUT  # there is nothing, or, when its work was done, all of it
         assert not list(left.rglob('*.part')), how
         shutil.rmtree(left) if left.is_dir() else left.unlink(missing_ok=True)
-        counts[found.code] += 1
-    note(**{f'ended {name}': {str(code): count for code, count in counts.items()}})
+        seen.append(found.code)
+    return seen
 
 
 @pytest.mark.parametrize('name', ['solver', 'identify'])
