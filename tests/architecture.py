@@ -34,9 +34,9 @@ BELOW = {
 }
 #: the rooms of each package: a room imports only what stands after it
 ORDER = {
-    'calib_model': 'nodes commands labelling pairing streams bags urdf descriptions kinematics '
-    'measurement measured_points instruments files topics progress command_line bounds stamps '
-    'transforms arrays errors lazy blas_threads starting',
+    'calib_model': 'nodes commands labelling tracking pairing streams bags urdf descriptions '
+    'kinematics measurement measured_points instruments files topics progress command_line bounds '
+    'stamps transforms arrays errors lazy blas_threads starting',
     'selfcenter_probe': 'nodes commands operator simulation sensing',
     'calib_capture': 'nodes commands replaying showing recording measuring program motion checking '
     'default_files',

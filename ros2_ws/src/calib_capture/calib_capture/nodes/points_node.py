@@ -15,7 +15,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from calib_capture.recording import PointSession, StandingSettings, TrackedPoint
+from calib_capture.recording import PointSession, TrackedPoint
 from calib_model.command_line import run_command
 from calib_model.descriptions import parse_arm, read_description
 from calib_model.errors import ParameterError
@@ -31,6 +31,7 @@ from calib_model.nodes import (
 )
 from calib_model.pairing import JointSample
 from calib_model.topics import ARM_DESCRIPTION, CAPTURE_POINTS, JOINT_STATES
+from calib_model.tracking import StandingSettings
 
 TICK = 0.1  # s
 HEADER, RECEIVED = 'header', 'received'

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     )
     from calib_capture.recording.point_session import (
         PointSession as PointSession,
-        StandingSettings as StandingSettings,
         TrackedPoint as TrackedPoint,
     )
     from calib_capture.recording.program_session import (

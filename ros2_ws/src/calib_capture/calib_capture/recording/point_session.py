@@ -21,6 +21,7 @@ from calib_model.measured_points import PointMeasurement, PointSet
 from calib_model.pairing import JointSample
 from calib_model.stamps import SECOND
 from calib_model.topics import ARM_DESCRIPTION, CAPTURE_POINTS
+from calib_model.tracking import MISSING, StandingSettings, posture_at
 
 #: s of joint states that are kept: a tracker may take so long to say what it measured
 KEPT = 5.0
@@ -29,20 +30,8 @@ SILENT = 1.0
 #: s: what is nearer to the point of the same target and station before it is that point again
 AGAIN = 1e-3
 
-MOVES, MISSING = 'the arm moves', 'joint states are missing'
 NO_STAMP = 'it has no stamp: set stamps:=received'
 OTHER_CLOCK = "its stamp is far from the joint states': set stamps:=received, or the clocks"
-
-
-@dataclass(frozen=True)
-class StandingSettings:
-    """What counts as standing: no joint moves by more than `still` (rad, m) from `before` (s) a
-    point's stamp to `after` it, and joint states come at least every `gap` (s)."""
-
-    before: float = 0.3
-    after: float = 0.1
-    still: float = 5e-4
-    gap: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -164,23 +153,11 @@ class PointSession:
             self._refuse(self._waiting.popleft()[0], MISSING)
         self._bag.close()
 
-    def _posture(self, stamp: int) -> Array | str:
+    def _posture(self, at: int) -> Array | str:
         """Where the arm stood about a stamp (n,), or why that is not known."""
-        asked = self._settings
-        begin, end = stamp - round(asked.before * SECOND), stamp + round(asked.after * SECOND)
-        rows = [i for i, each in enumerate(self._samples) if begin <= each.stamp <= end]
-        if not rows:
-            return MISSING
-        # from the last one before to the first one behind
-        first, last = max(rows[0] - 1, 0), min(rows[-1] + 1, len(self._samples) - 1)
-        samples = [self._samples[i] for i in range(first, last + 1)]
-        stamps = np.array([each.stamp for each in samples])
-        if stamps[0] > begin or (np.diff(stamps) > asked.gap * SECOND).any():
-            return MISSING
-        joints = np.array([each.joints for each in samples])
-        if np.ptp(joints, axis=0).max() > asked.still:
-            return MOVES
-        return np.asarray(joints.mean(axis=0), dtype=np.float64)
+        stamp = np.array([each.stamp for each in self._samples], dtype=np.int64)
+        joints = np.array([each.joints for each in self._samples])
+        return posture_at(at, stamp, joints, self._settings)
 
     def _keep(self, point: TrackedPoint) -> None:
         place = (point.station, point.target)

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calib_capture.recording import PointSession, StandingSettings, TrackedPoint
+from calib_capture.recording import PointSession, TrackedPoint
 from calib_model.bags import read_points
 from calib_model.pairing import JointSample
 from calib_model.stamps import SECOND
+from calib_model.tracking import StandingSettings
 
 RATE = 0.01
 BEGIN = 1_700_000_000 * SECOND

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     )
     from calib_model.bags.points import (
         has_points as has_points,
+        read_point_messages as read_point_messages,
         read_points as read_points,
     )
     from calib_model.bags.reader import (

@@ -77,6 +77,11 @@ class BagDescriptions:
         """
         return self._described(ARM_DESCRIPTION, parse_arm, arm_yaml)
 
+    @property
+    def has_arm(self) -> bool:
+        """Whether the bag describes one."""
+        return ARM_DESCRIPTION.name in self._texts
+
     def probe(self) -> Probe:
         """The probe; raises as `arm`."""
         return self._described(PROBE_DESCRIPTION, parse_probe, probe_yaml)

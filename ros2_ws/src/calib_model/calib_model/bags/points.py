@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calib_model.bags import cdr
 from calib_model.bags.descriptions import BagDescriptions
@@ -38,16 +40,38 @@ def has_points(bag: str | Path) -> bool:
     return next(read_messages(bag, {CAPTURE_POINTS.name}), None) is not None
 
 
+@dataclass(frozen=True)
+class PointMessages:
+    """The `points` of a bag as they are there, when each was `recorded` (N,), ns, and what the bag
+    describes."""
+
+    points: PointSet
+    recorded: NDArray[np.int64]
+    described: BagDescriptions
+
+
 def read_points(path: str | Path, arm: Arm | None = None) -> PointMeasurement:
-    """The points in a bag; an arm given here takes the place of the bag's own.
+    """The points in a bag, with the joints that they have; an arm given here takes the place of
+    the bag's own.
 
     Raises:
         BagError: no bag, a topic missing, or a message that cannot be read.
         DescriptionError: the arm's description cannot be used.
         DataError: a point does not fit the arm.
     """
+    found = read_point_messages(path)
+    return PointMeasurement(arm or found.described.arm(), found.points, str(path)).checked()
+
+
+def read_point_messages(path: str | Path) -> PointMessages:
+    """The points in a bag whatever they have, the joints (N, 0) where a tracker sent them alone.
+
+    Raises:
+        BagError: no bag, a topic missing, or a message that cannot be read.
+    """
     described = BagDescriptions(path)
     messages: list[bytes] = []
+    recorded: list[int] = []
     size = 0
     for message in read_messages(path, {ARM_DESCRIPTION.name, CAPTURE_POINTS.name}):
         if message.topic != CAPTURE_POINTS.name:
@@ -64,10 +88,11 @@ def read_points(path: str | Path, arm: Arm | None = None) -> PointMeasurement:
                 f'bytes, {size} with those before: more than is taken'
             )
         messages.append(message.data)
+        recorded.append(message.log_time)
     if not messages:
         raise BagError(f'{path}: the bag has no messages on {CAPTURE_POINTS.name}')
     points = _decoded(path, messages)
-    return PointMeasurement(arm or described.arm(), points, str(path)).checked()
+    return PointMessages(points, np.array(recorded, dtype=np.int64), described)
 
 
 def _decoded(path: str | Path, messages: Sequence[bytes]) -> PointSet:

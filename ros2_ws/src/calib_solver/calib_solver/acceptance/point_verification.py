@@ -15,7 +15,7 @@ from calib_solver.acceptance.point_prediction import stated_points
 from calib_solver.acceptance.prediction import Stated
 from calib_solver.acceptance.stored_result import StoredResult
 from calib_solver.acceptance.verdict import limit_lines, verdict_of, verdict_words
-from calib_solver.calibration import Sources, copied_lines, load_points, unread_lines
+from calib_solver.calibration import Sources, load_points, unread_lines
 from calib_solver.points import (
     Places,
     PlaceShares,
@@ -124,7 +124,8 @@ def verify_points(
             f'{result.folder}: calibrated by probing poses, {sources.bags[0]} holds measured '
             'points: the place of its targets on the flange is not known'
         )
-    measured, copies = load_points(sources)
+    loaded = load_points(sources)
+    measured = loaded.measured
     if measured.arm.joint_names != result.arm.joint_names:
         raise DataError(f'{measured.source}: other joints than in {result.folder}')
     measured = replace(measured, arm=result.arm)
@@ -134,7 +135,8 @@ def verify_points(
     stations = tuple(one.number for one in shares.stations)
     weight = result.record['diagnostics'].get('orientation_weight')
     problem = problem.turns_weighing(weight if weight is not None else 1.0)
-    notes = (*unread_lines(sources.bags), *copied_lines(copies), *_sigma_lines(problem, shares))
+    notes = (*unread_lines(sources.bags), *loaded.notes, *loaded.warnings)
+    notes = (*notes, *_sigma_lines(problem, shares))
     problem = problem.weighed_as(shares.unit_sigma)
     correction: Correction | None = result.calibrated.correction
     flange = flange_of(problem, result.arm, correction)

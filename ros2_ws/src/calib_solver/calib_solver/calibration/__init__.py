@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from calib_solver.calibration.points import (
         PointCalibration as PointCalibration,
         calibrate_points as calibrate_points,
-        copied_lines as copied_lines,
         load_points as load_points,
     )
     from calib_solver.calibration.raw_options import (

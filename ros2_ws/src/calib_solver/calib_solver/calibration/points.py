@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from calib_model.bags import read_points
 from calib_model.descriptions import (
     parse_arm,
     parse_correction,
@@ -18,6 +17,7 @@ from calib_model.descriptions import (
 )
 from calib_model.errors import DataError
 from calib_model.measured_points import PointMeasurement
+from calib_model.tracking import read_tracked
 from calib_solver import compensation, report
 from calib_solver.calibration.calibration import Effort, inputs, own_urdf, write_reported
 from calib_solver.calibration.sources import Sources, unread_lines
@@ -65,8 +65,18 @@ class PointCalibration:
         return self.done.fit.verdict
 
 
-def load_points(sources: Sources) -> tuple[PointMeasurement, int]:
-    """The points of one or several bags, and how many copies of others were left out.
+@dataclass(frozen=True)
+class LoadedPoints:
+    """The points of bags, `warnings` of what was left out as copies, and `notes` on how they were
+    read."""
+
+    measured: PointMeasurement
+    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def load_points(sources: Sources) -> LoadedPoints:
+    """The points of one or several bags.
 
     Raises:
         CalibrationError: a bag or a description cannot be read, they do not go together, or
@@ -78,21 +88,22 @@ def load_points(sources: Sources) -> tuple[PointMeasurement, int]:
     if sources.temperature is not None:
         raise DataError('--temperature: measured points have no gauge')
     arm = read_description(sources.arm, parse_arm) if sources.arm else None
-    measured = joined_points([read_points(bag, arm) for bag in sources.bags])
+    raw = sources.raw
+    found = [read_tracked(bag, arm, raw.topics, raw.stamps) for bag in sources.bags]
+    measured = joined_points([each.measured for each in found])
+    notes = tuple(line for each in found for line in each.lines)
     points = measured.points
     names = np.unique(points.target, return_inverse=True)[1].reshape(-1)
     rows = np.column_stack([names, points.station, points.joints, points.position]) + 0.0
     packed = np.ascontiguousarray(rows).view(f'V{rows.shape[1] * rows.itemsize}').reshape(-1)
     first = np.unique(packed, return_index=True)[1]
     copies = len(points) - len(first)
-    if copies:
-        measured = replace(measured, points=points.take(np.sort(first)))
-    return measured, copies
-
-
-def copied_lines(copies: int) -> tuple[str, ...]:
-    """A line where points are copies of others."""
-    return (f'{copies} points are copies of others: each counts once',) if copies else ()
+    if not copies:
+        return LoadedPoints(measured, (), notes)
+    measured = replace(measured, points=points.take(np.sort(first)))
+    return LoadedPoints(
+        measured, (f'{copies} points are copies of others: each counts once',), notes
+    )
 
 
 def calibrate_points(
@@ -114,16 +125,17 @@ def calibrate_points(
     if output:
         refuse_no_place(output)
     own = own_urdf(urdf, output)
-    unseen = load_points(replace(sources, bags=tuple(test)))[0] if test else None
-    measured, copies = load_points(sources)
+    unseen = load_points(replace(sources, bags=tuple(test))) if test else None
+    loaded = load_points(sources)
+    measured = loaded.measured
     if urdf:
         compensation.refuse_uncorrectable(own, measured.arm, urdf)
     if sources.links:
         options = replace(options, links=read_links(sources.links, measured.arm))
     done, resampled = _identified(measured, options, effort)
-    held_out = held_out_points(unseen, done) if unseen is not None else None
+    held_out = held_out_points(unseen.measured, done) if unseen is not None else None
     first = unread_lines((*sources.bags, *test))
-    first = (*first, *copied_lines(copies))
+    first = (*first, *loaded.warnings)
     done = replace(done, warnings=(*first, *done.warnings))
     record = point_result_record(done, held_out, resampled)
     more: dict[str, bytes] = {}
@@ -133,7 +145,8 @@ def calibrate_points(
     if output:
         evidence = report.point_evidence_of(done, inputs(sources, test), held_out)
         written = write_reported(output, done, record, evidence, more)
-    return PointCalibration(done, held_out, record, written)
+    notes = (*loaded.notes, *(unseen.notes if unseen is not None else ()))
+    return PointCalibration(done, held_out, record, written, notes)
 
 
 def _identified(
@@ -162,7 +175,7 @@ def point_evaluation_record(sources: Sources, correction: str = '') -> Record:
         CalibrationError: a bag or a description cannot be used.
     """
     beyond = read_description(correction, parse_correction) if correction else None
-    measured, _ = load_points(sources)
+    measured = load_points(sources).measured
     problem = PointProblem.of(measured)
     problem.refuse_too_few()
     return point_quality_record(fitted_quality(problem, measured.arm, beyond))

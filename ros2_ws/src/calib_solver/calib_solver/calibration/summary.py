@@ -67,7 +67,8 @@ def point_summary_text(calibration: PointCalibration) -> str:
     """The same of a calibration by measured points: targets and stations besides."""
     done, record = calibration.done, calibration.record
     problem, left_out = done.problem, len(done.rejected)
-    lines = [f'warning: {warning}' for warning in done.warnings]
+    lines = list(calibration.notes)
+    lines += [f'warning: {warning}' for warning in done.warnings]
     lines.append(
         f'{done.arm.name}: {len(problem)} points of {_counted(problem.targets, "target")} from '
         f'{_counted(problem.stations, "station")}, {len(done.fit.x)} of '

@@ -9,19 +9,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib_model.arrays import Array
 from calib_model.blas_threads import one_blas_thread
 from calib_model.errors import DataError
 from calib_model.kinematics import Correction
 from calib_model.measured_points import PointMeasurement
 from calib_solver.error_models import JointErrorChoice, table_with
 from calib_solver.fitting import (
-    ASSUMED_NOISE,
     Descent,
     Fit,
     Options,
-    Uncertainty,
-    covariance_of,
     observe,
 )
 from calib_solver.left_out import LeftOut, missed
@@ -178,14 +174,8 @@ def _judged(
     groups = None if solver.options.quick or len(fit.x) == 0 else Groups.of(problem)
     sums = _sums_at(problem, solver, fit, groups)
     whole = together(sums)
-    covariance, noise, assumed = _covariance(problem, solver, fit, whole)
     left_out = judge_points(problem, solver, fit, sums, groups) if groups is not None else None
-    if left_out is not None:
-        covariance = covariance * left_out.factor**2
-    free = len(fit.x)
-    uncertainty = Uncertainty(covariance[:free, :free], float(np.sqrt(noise)), 1.0, assumed)
     model = Correction.identified(arm.joint_names, solver.table.joint_errors(full))
-    turn = float(np.sqrt(noise / problem.turn_weight)) if problem.has_orientation else None
     places = solver.places(problem, fit.x)
     before = flange_of(problem, measured.arm)
     nominal = best_places(problem, before, nominal)
@@ -197,10 +187,7 @@ def _judged(
         arm,
         fit,
         observe(solver.table, fit, solver.scale),
-        uncertainty,
-        covariance,
         whole,
-        turn,
         assess_points(problem, before, nominal),
         assess_points(problem, flange_of(problem, arm, model), places),
         (),
@@ -209,22 +196,6 @@ def _judged(
         errors,
         left_out,
     )
-
-
-def _covariance(
-    problem: PointProblem, solver: PointSolver, fit: Fit, whole: PointSums
-) -> tuple[Array, float, bool]:
-    """Of parameters and places together, a position's variance, m^2, and whether it is assumed."""
-    both = whole.weighed(problem.turn_weight)
-    assumed = fit.quadratic.terms - len(fit.x) < 1
-    noise = ASSUMED_NOISE**2 if assumed else fit.kappa
-    none = np.zeros(problem.places)
-    information = np.concatenate([solver.information, none])
-    prior = fit.kappa * information
-    strength = np.concatenate([solver.options.prior.strength * solver.wider(fit) ** 2, none + 1.0])
-    scatter = noise * both.normal + np.diag(fit.kappa**2 * information * strength)
-    covariance = covariance_of(scatter, both.normal + np.diag(prior), information, strength)
-    return covariance, noise, assumed
 
 
 def _corrected(done: PointIdentification) -> PointIdentification:

@@ -15,6 +15,7 @@ from calib_model.kinematics import Correction, ParameterTable
 from calib_model.transforms import RigidTransform, left_jacobian
 from calib_solver.error_models import CorrectionChoice, JointErrorChoice
 from calib_solver.fitting import (
+    ASSUMED_NOISE,
     ErrorShares,
     Fit,
     Observability,
@@ -22,6 +23,7 @@ from calib_solver.fitting import (
     ParameterEstimate,
     Uncertainty,
     Workspace,
+    covariance_of,
     drawn_postures,
     estimates_of,
     prior_width,
@@ -57,9 +59,7 @@ class Placed:
 class PointIdentification:
     """A solved calibration by points: as `Identification`, of targets and stations besides.
 
-    `covariance` (F + P, F + P) is that of the free parameters and of all places' small motions,
-    `sums` are those of all points there, without the prior's share;
-    `turn_noise`, rad, a rotation's standard deviation, None where there are none. `initial` and
+    `sums` are those of all points there, without the prior's share. `initial` and
     `identified` are the quality before and after, `choice_12` is what came of eq. 12 and
     `corrected` the quality with that where it was accepted.
     """
@@ -71,10 +71,7 @@ class PointIdentification:
     arm: Arm
     fit: Fit
     observability: Observability
-    uncertainty: Uncertainty
-    covariance: Array
     sums: PointSums
-    turn_noise: float | None
     initial: PointQuality
     identified: PointQuality
     rejected: tuple[RejectedPoint, ...]
@@ -89,6 +86,48 @@ class PointIdentification:
     def places(self) -> Places:
         """Targets and stations as identified."""
         return self.identified.places
+
+    @property
+    def _assumed(self) -> bool:
+        return self.fit.quadratic.terms - len(self.fit.x) < 1
+
+    @property
+    def _variance(self) -> float:
+        """Of a position's coordinate on average, m^2."""
+        return ASSUMED_NOISE**2 if self._assumed else self.fit.kappa
+
+    @property
+    def turn_noise(self) -> float | None:
+        """A rotation's standard deviation, rad, None where there are none."""
+        if not self.problem.has_orientation:
+            return None
+        return float(np.sqrt(self._variance / self.problem.turn_weight))
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Of the free parameters and of all places' small motions (F + P, F + P), by what makes the
+        points scatter, enlarged where points left out were missed by more than that says."""
+        solver, fit, problem = PointSolver(self.table, self.options), self.fit, self.problem
+        none = np.zeros(problem.places)
+        information = np.concatenate([solver.information, none])
+        wider = solver.options.prior.strength * solver.wider(fit) ** 2
+        strength = np.concatenate([wider, none + 1.0])
+        scatter = self._gradient + np.diag(fit.kappa**2 * information * strength)
+        held = self.sums.weighed(problem.turn_weight).normal + np.diag(fit.kappa * information)
+        covariance = covariance_of(scatter, held, information, strength)
+        return covariance * (self.left_out.factor**2 if self.left_out is not None else 1.0)
+
+    @cached_property
+    def uncertainty(self) -> Uncertainty:
+        """Of the free parameters."""
+        free = len(self.fit.x)
+        noise = float(np.sqrt(self._variance))
+        return Uncertainty(self.covariance[:free, :free], noise, 1.0, self._assumed)
+
+    @cached_property
+    def _gradient(self) -> Array:
+        given = (self.problem, self.table, self.full, self.places, self.sums, self.noise)
+        return gradient_covariance(*given)
 
     @cached_property
     def estimates(self) -> tuple[ParameterEstimate, ...]:
@@ -139,21 +178,18 @@ class PointIdentification:
             self.identified,
             self.sums,
             prior,
-            self.uncertainty.noise**2,
+            self._variance,
         )
 
     @cached_property
     def place_shares(self) -> PlaceShares:
         """Where the errors of targets and stations come from."""
         weighed = self.fit.kappa * self.options.prior.information(self.table)
-        problem, table = self.problem, self.table
-        gradient = gradient_covariance(
-            problem, table, self.full, self.places, self.sums, self.noise
-        )
+        problem = self.problem
         return PlaceShares.of(
             self.sums.weighed(problem.turn_weight).normal,
             weighed,
-            gradient,
+            self._gradient,
             problem.targets,
             problem.stations,
             problem.unit_sigma,

@@ -16,6 +16,7 @@ from calib_model.instruments import Arm
 from calib_solver.acceptance.point_prediction import _Placed
 from calib_solver.fitting import NO_PRIOR, Options
 from calib_solver.points import Flange, PointIdentification, identify_points
+from calib_solver.points.part_noise import part_factors
 from calib_solver.points.place_shares import PlaceShares
 from calib_solver.points.point_noise import moved_by_joints
 
@@ -45,6 +46,37 @@ def test_the_joints_that_scatter_are_told_from_the_tracker(oriented: bool):
     assert np.sqrt(found.poses.joints[3:]).max() < 3e-4
     assert 0 <= found.poses.point < (2 * NOISE) ** 2
     assert found.poses.freedom < 0.7 * 3 * 900
+
+
+def test_a_target_that_shakes_is_stated_so_and_makes_nothing_else_of_the_joints():
+    scene = tracked(48, 500, 2, 2, True, NOISE, 1e-4)
+    points, generator = scene.measured.points, np.random.default_rng(9)
+    shaken = points.position + 8e-5 * generator.normal(size=points.position.shape) * (
+        points.target == '2'
+    ).reshape(-1, 1)
+    measured = replace(scene.measured, points=replace(points, position=shaken))
+    even, done = identify_points(scene.measured, PLAIN), identify_points(measured, PLAIN)
+    noise, problem = done.noise, done.problem
+    first = problem.parts[:-1]
+    sigma = np.sqrt(noise.poses.point * noise.point_factors)
+    expected = np.where(problem.target[first] == 1, np.hypot(NOISE, 8e-5), NOISE)
+    np.testing.assert_allclose(sigma, expected, rtol=0.15)
+    assert np.sqrt(noise.turn) == pytest.approx(1e-4, rel=0.1)
+    assert np.sqrt(noise.poses.joints).max() < 6e-5
+    more = [
+        np.mean(after.translation_uncertainty / before.translation_uncertainty)
+        for after, before in zip(done.targets, even.targets, strict=True)
+    ]
+    assert more[0] < 0.75 * more[1]
+
+
+def test_parts_that_scatter_alike_are_not_told_apart():
+    part, freedom = np.repeat(np.arange(12), 3 * 15), np.full(540, 0.8)
+    size = np.random.default_rng(1).normal(size=540) ** 2
+    assert (part_factors(part, 13, 1e-9 * size, freedom) == 1).all()
+    seen = part_factors(part, 13, np.where(part == 4, 6.0, 1.0) * size, freedom)
+    assert seen[4] == seen.max() > 2.5
+    assert seen[part].mean() == pytest.approx(1)
 
 
 def test_a_tracker_that_scatters_alike_is_found_to_do_so():
