@@ -26,6 +26,7 @@ from calib_model.progress import Progress
 
 MOST_POSES, MOST_POOL = 100_000, 1000
 SMALLEST = 1e-9  # m, rad
+MOST_STATIONS = 100
 
 ABOUT = """\
 Plan the measuring program that `capture` with the same settings would run, and tell of it: how
@@ -56,7 +57,7 @@ def _plan() -> None:
     if given.tracker is not None:
         _plan_for_tracker(given)
         return
-    for option in ('target', 'turn_noise', 'output'):
+    for option in ('target', 'stations', 'turn_noise', 'output'):
         if getattr(given, option) is not None:
             raise UsageError(f'--{option.replace("_", "-")}: goes with --tracker')
     for line in program.program_text(planned(given)):
@@ -71,12 +72,15 @@ def _plan_for_tracker(given: argparse.Namespace) -> None:
     settings = program.TrackerSettings(
         given.tracker,
         given.turn_noise or 0.0,
-        default.target if given.target is None else np.array(given.target),
+        default.targets if given.target is None else np.array(given.target),
         given.poses,
         given.pool,
         bodies=bodies_of(given),
         seed=given.seed,
+        stations=given.stations or 1,
     )
+    if settings.stations > settings.poses:
+        raise UsageError(f'--stations: expected no more than the {settings.poses} postures')
     arm = configured('arm', given.arm, descriptions.parse_arm)
     found = program.tracker_program(arm, settings)
     if given.output is not None:
@@ -225,8 +229,16 @@ def _parser() -> CommandParser:
         '--target',
         type=number_from(-1, 1),
         nargs=3,
+        action='append',
         metavar=('X', 'Y', 'Z'),
-        help='m, where it is on the flange (default: 0 0 0.1)',
+        help='m, where it is on the flange (default: 0 0 0.1); given again: another target, which '
+        'is measured in every posture, too',
+    )
+    parser.add_argument(
+        '--stations',
+        type=whole_from(1, MOST_STATIONS),
+        metavar='N',
+        help='places that the tracker stands at, for its share of the postures each (default: 1)',
     )
     parser.add_argument(
         '--turn-noise',

@@ -11,7 +11,7 @@ import pytest
 from calib_capture.commands import plan
 from calib_capture.motion import BodySettings
 from calib_capture.program import ProgramError, TrackerSettings, tracker_program
-from calib_capture.program.tracker_points import TargetInformation
+from calib_capture.program.tracker_points import TargetInformation, postures_csv
 from calib_model.kinematics import forward_kinematics
 from calib_model.transforms import RigidTransform, rotation_vectors
 
@@ -37,6 +37,42 @@ def test_orientations_and_more_or_better_points_make_positions_surer(kr5):
         assert tracker_program(kr5, surer).expected < plain
 
 
+def test_more_targets_in_the_same_postures_make_positions_surer_and_more_stations_less(kr5):
+    targets = np.array([[0.0, 0.0, 0.1], [0.12, -0.05, 0.06], [-0.1, 0.02, 0.12]])
+    one = tracker_program(kr5, SETTINGS).expected
+    three = tracker_program(kr5, replace(SETTINGS, targets=targets))
+    assert three.expected < 0.9 * one
+    moved = tracker_program(kr5, replace(SETTINGS, targets=targets, stations=4))
+    assert moved.expected > three.expected
+    assert np.bincount(moved.station).tolist() == [0, 10, 10, 10, 10]
+    rows = postures_csv(moved).splitlines()
+    assert rows[0] == 'q1,q2,q3,q4,q5,q6,target,station'
+    assert len(rows) == 1 + 3 * 40
+    assert [row.split(',', 6)[-1] for row in (rows[1], rows[2], rows[-1])] == ['1,1', '2,1', '3,4']
+    assert rows[1].split(',')[:6] == rows[3].split(',')[:6]
+
+
+def test_rows_of_several_targets_and_stations_are_those_of_each_put_together(kr5):
+    targets = np.array([[0.0, 0.0, 0.1], [0.12, -0.05, 0.06]])
+    settings = replace(SETTINGS, targets=targets, stations=2, turn_noise=1e-4)
+    both, joints = TargetInformation(kr5, settings), np.zeros((2, 6))
+    joints[1] = 0.3
+    rows = both.from_stations(both.rows(joints))
+    free = len(both.table.free)
+    assert rows.shape == (2, 12, free + 12 + 12)
+    for k, at in enumerate(targets):
+        alone = TargetInformation(kr5, replace(settings, targets=at[None], stations=1))
+        own = rows[:, 6 * k : 6 * k + 6]
+        expected = alone.rows(joints)
+        first = free + 6 * k
+        np.testing.assert_array_equal(own[:, :, :free], expected[:, :, :free])
+        np.testing.assert_array_equal(own[:, :, first : first + 6], expected[:, :, free:-6])
+        assert not own[:, :, free + 6 * (1 - k) : free + 6 * (2 - k)].any()
+        for s in (0, 1):
+            np.testing.assert_array_equal(own[s, :, -12 + 6 * s :][:, :6], expected[s, :, -6:])
+            assert not own[s, :, -12 + 6 * (1 - s) :][:, :6].any()
+
+
 def test_an_arm_that_is_walled_in_has_no_postures(kr5):
     low = replace(SETTINGS, bodies=BodySettings(floor=3.0))
     with pytest.raises(ProgramError, match='hardly any posture is free: arm touches floor'):
@@ -55,7 +91,7 @@ def test_rows_are_how_a_tracker_sees_the_target_move(kr5):
     def seen(target, base):
         """Of the target, moved in the flange, and the base, moved in the tracker's frame."""
         turned = base.rotation @ flange[:, :3, :3]
-        at = settings.target + target.translation
+        at = settings.targets[0] + target.translation
         points = base.apply(flange[:, :3, 3] + np.einsum('nij,j->ni', flange[:, :3, :3], at))
         return points, turned @ target.rotation
 
@@ -75,6 +111,8 @@ def test_rows_are_how_a_tracker_sees_the_target_move(kr5):
     [
         (['--tracker', '2e-5', '--locations', '1'], '--locations: goes without --tracker'),
         (['--target', '0', '0', '0.1'], '--target: goes with --tracker'),
+        (['--stations', '2'], '--stations: goes with --tracker'),
+        (['--tracker', '2e-5', '--stations', '9', '--poses', '8'], 'no more than the 8 postures'),
         (['--tracker', '20'], 'expected a number from 1e-09 to 1'),
     ],
 )
