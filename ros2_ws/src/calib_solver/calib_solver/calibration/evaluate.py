@@ -24,7 +24,7 @@ def evaluation_record(
         CalibrationError: a bag or a description cannot be used.
     """
     if hold_points(sources):
-        return point_evaluation_record(sources, correction)
+        return point_evaluation_record(sources, correction, progress)
     beyond = read_description(correction, parse_correction) if correction else None
     loaded = load_all(sources, progress)
     loaded = loaded.told_with(loaded.measured.arm, loaded.measured.probe, beyond)

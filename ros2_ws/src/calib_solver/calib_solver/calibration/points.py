@@ -17,6 +17,7 @@ from calib_model.descriptions import (
 )
 from calib_model.errors import DataError
 from calib_model.measured_points import PointMeasurement
+from calib_model.progress import Progress
 from calib_model.tracking import read_tracked
 from calib_solver import compensation, report
 from calib_solver.calibration.calibration import Effort, inputs, own_urdf, write_reported
@@ -168,14 +169,21 @@ def _resampled(done: PointIdentification, effort: Effort, spread: Spread) -> Res
     return resample_points(done, effort.plan, spread, effort.progress)
 
 
-def point_evaluation_record(sources: Sources, correction: str = '') -> Record:
-    """The quality of given parameters on points, targets and stations where they fit best.
+def point_evaluation_record(
+    sources: Sources, correction: str = '', progress: Progress | None = None
+) -> Record:
+    """The quality of given parameters on points, targets and stations where they fit best;
+    `progress` hears what was made of bags without joints.
 
     Raises:
         CalibrationError: a bag or a description cannot be used.
     """
     beyond = read_description(correction, parse_correction) if correction else None
-    measured = load_points(sources).measured
+    loaded = load_points(sources)
+    measured = loaded.measured
+    if progress is not None:
+        for line in (*loaded.warnings, *loaded.notes):
+            progress.say(line)
     problem = PointProblem.of(measured)
     problem.refuse_too_few()
     return point_quality_record(fitted_quality(problem, measured.arm, beyond))
