@@ -76,7 +76,8 @@ docs:
 # worker more than cores, as tests of processes wait much of the time.
 test: lint
 	@echo 'test: every test, ten to fifteen minutes on 2 cores; `make unit` takes one'
-	@source ./env.bash && python -m pytest -n $$(($$(nproc) > 3 ? 4 : $$(nproc) + 1)) --dist loadfile
+	@source ./env.bash && python -m pytest -n $$(($$(nproc) > 3 ? 4 : $$(nproc) + 1)) \
+	  --dist loadfile --no-loadscope-reorder
 
 # What starts no process and no graph and is quick, for between two edits. One thread each, as the
 # tests themselves go side by side.
