@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Getting out of a damaged bag what is whole in it: every complete chunk."""
+"""What is whole in one file of a bag, copied into another, and what was not."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -26,36 +25,15 @@ from rosbags.typesys import TypesysError
 
 from calib_model.bags import cdr
 from calib_model.bags.decompression import chunk_content, unpacked_zstd
-from calib_model.bags.files import (
-    METADATA,
-    ZSTD,
-    bag_files,
-    files_in,
-    is_sqlite,
-    left_aside,
-    open_unpacked,
-    size_of,
-    unlisted_files,
-)
-from calib_model.bags.metadata import Definition, FileAccount, metadata_yaml
+from calib_model.bags.files import ZSTD, is_sqlite, open_unpacked, size_of
+from calib_model.bags.metadata import Definition
 from calib_model.bags.record_reader import DAMAGE, MAGIC, RecordReader
 from calib_model.bags.writer import BagWriter
 from calib_model.errors import BagError, DescriptionError
-from calib_model.files import (
-    HeldFolder,
-    load_plain,
-    made_whole,
-    open_file,
-    refuse_taken,
-    remove_dead_folders,
-    working_folder,
-)
-from calib_model.progress import Pace, Progress
+from calib_model.files import load_plain, open_file
 
 if TYPE_CHECKING:
     from calib_model.bags.sqlite import KeptRow, KeptTopic
-
-UNBEGUN = 1 << 16  # bytes: a recording's first chunk, the descriptions, is smaller
 
 
 @dataclass
@@ -99,111 +77,6 @@ class Recovery:
         return '; '.join(parts) or 'nothing'
 
 
-def recover(bad: str | Path, out: str | Path, progress: Progress | None = None) -> Recovery:
-    """Copy what is whole in the bag `bad` to a new bag `out`, made whole or not at all; `progress`
-    hears how far it is.
-
-    Raises:
-        BagError: no bag at `bad`, nothing in it to be had, or `out` exists or cannot be written.
-    """
-    bad, out = Path(bad), Path(out)
-    refuse_taken(out)
-    files, found = _files_of(bad), Recovery()
-    with made_whole(out) as part:
-        with BagWriter(part, chunk_size=1 << 20) as bag:
-            for file in files:
-                pace = Pace(progress, f'copying {file}', 'MB', 1e6)
-                (_copy_sqlite if is_sqlite(file) else _copy)(file, bag, found, pace)
-                pace.end()
-        if not found.messages:
-            raise BagError(f'{bad}: no complete chunk in it, nothing can be recovered')
-    return found
-
-
-def repair(bag: str | Path, told: Callable[[str], None] = lambda line: None) -> list[FileAccount]:
-    """Make every file of a bag's folder complete, in its place; what each then holds.
-
-    `told` gets a line for each file that was not complete.
-
-    A file is exchanged for its recovered copy in one step, so that a repair cut short does no
-    harm. Files that are complete stay as they are. One that was cut before its first chunk is
-    taken away, and with the last of them the folder.
-
-    Raises:
-        BagError: no bag there, nothing in a file that once held something, or the bag cannot be
-            written.
-    """
-    folder = Path(bag)
-    try:
-        with HeldFolder(folder, writing=True) as held:
-            return _repaired_in(held, told)
-    except (FileNotFoundError, NotADirectoryError) as error:
-        raise BagError(f'{folder}: no such bag') from error
-    except OSError as error:
-        raise BagError(f'{folder}: cannot be written: {error.strerror}') from error
-
-
-def _repaired_in(held: HeldFolder, told: Callable[[str], None]) -> list[FileAccount]:
-    files = files_in(held.path)
-    if not files and not held.has(METADATA):
-        raise BagError(f'{held.path}: no such bag')
-    held.remove_dead_parts((METADATA,))
-    remove_dead_folders(held, 'repair')
-    for name in held.names():
-        if name.startswith('.repair-'):  # of 0.1.0
-            held.remove_tree(name)
-    accounts = []
-    for file in files:
-        account = _repaired(held, file, told)
-        if account.messages:
-            accounts.append(account)
-        elif size_of(file) > UNBEGUN:
-            raise BagError(f'{file}: no complete chunk in it, nothing can be recovered')
-        else:
-            held.remove(file.name)
-    if accounts:
-        held.write_together({METADATA: metadata_yaml(accounts).encode()})
-        return accounts
-    held.remove(METADATA)
-    if not held.names() and held.current:
-        held.path.rmdir()
-    return accounts
-
-
-def _repaired(held: HeldFolder, file: Path, told: Callable[[str], None]) -> FileAccount:
-    with working_folder(held, 'repair') as part:
-        found, copy = Recovery(), BagWriter(part.path / 'copy')
-        with copy:
-            _copy(file, copy, found)
-        account = copy.close()
-        if found.lossy:
-            told(f'{file}: {found.messages} messages recovered, missing: {found.loss()}')
-        if found.lossy and found.messages:
-            with HeldFolder.below(part, 'copy') as made:
-                os.replace(
-                    account.name,
-                    file.name,
-                    src_dir_fd=made.descriptor,
-                    dst_dir_fd=held.descriptor,
-                )
-    account.name = file.name
-    return account
-
-
-def _files_of(bad: Path) -> list[Path]:
-    try:
-        # what metadata.yaml does not list may be the rest of a copy that was made in part
-        files = [*bag_files(bad), *left_aside(bad)]
-    except BagError:
-        # a metadata.yaml that was not finished either: the files speak for themselves
-        files = unlisted_files(bad) if bad.is_dir() else []
-        if not files:
-            raise
-    for file in files:
-        size_of(file)  # names a pipe
-    return files
-
-
 @dataclass
 class _Known:
     """What a file has said of itself so far."""
@@ -216,13 +89,25 @@ class _Known:
     ended: bool = False
 
 
-def _copy(
+def copy_whole(
     file: Path,
     bag: BagWriter,
     found: Recovery,
     pace: Callable[[int, int], None] = lambda done, planned: None,
 ) -> None:
-    """Copy every message of a file that can be read, and count the rest."""
+    """Copy every message of a file, MCAP or SQLite, that can be read, and count the rest into
+    `found`; `pace` hears of the bytes that are done, of how many.
+
+    Raises:
+        BagError: the file cannot be read, or the copy cannot be written.
+    """
+    (_copy_sqlite if is_sqlite(file) else _copy_mcap)(file, bag, found, pace)
+
+
+def _copy_mcap(
+    file: Path, bag: BagWriter, found: Recovery, pace: Callable[[int, int], None]
+) -> None:
+    """Copy every message of an MCAP file that can be read."""
     known, indexed, told = _Known(), 0, -1
     used, size = 0, size_of(file)
     try:
