@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from calib_model.arrays import Array
-from calib_model.descriptions.instruments import yaml_text
 from calib_model.descriptions.links import links_of, links_rows
+from calib_model.descriptions.text import yaml_text
 from calib_model.errors import DescriptionError
 from calib_model.files import Fields, load_mapping
 from calib_model.kinematics import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import astuple, dataclass
 
-from calib_model.descriptions.instruments import yaml_text
+from calib_model.descriptions.text import yaml_text
 from calib_model.files import load_mapping
 
 KEY = 'standing'

@@ -8,16 +8,16 @@ import pytest
 import yaml
 from hypothesis import given, strategies as st
 
-from calib_model.descriptions.instruments import (
+from calib_model.descriptions import (
     arm_yaml,
     gauge_yaml,
     parse_arm,
     parse_gauge,
+    parse_placements,
     parse_probe,
     probe_yaml,
     read_description,
 )
-from calib_model.descriptions.placements import parse_placements
 from calib_model.errors import DescriptionError
 from calib_model.instruments import (
     CONVENTIONS,
