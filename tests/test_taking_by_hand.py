@@ -18,7 +18,7 @@ import pytest
 
 rclpy = pytest.importorskip('rclpy', reason='no ROS 2 here')
 pytest.importorskip('calib_interfaces.msg', reason='the workspace is not built')
-from calib_interfaces.msg import ProbingPose
+from calib_interfaces.msg import CaptureQuality, ProbingPose
 from posed_arm import PosedArm, posed
 from seated_recordings import project
 from std_srvs.srv import Trigger
@@ -26,7 +26,7 @@ from std_srvs.srv import Trigger
 from calib_bringup.processes import graph_environment
 from calib_model.descriptions import parse_arm, parse_gauge, parse_probe, read_description
 from calib_model.nodes import qos_of
-from calib_model.topics import CAPTURE_POSES, CAPTURE_UNDONE
+from calib_model.topics import CAPTURE_POSES, CAPTURE_QUALITY, CAPTURE_UNDONE
 from calib_solver.commands.identify import main as identify
 
 CONFIG = Path(__file__).resolve().parents[1] / 'ros2_ws/src/calib_bringup/config'
@@ -47,6 +47,10 @@ class Arm(PosedArm):
         self.undone: list[ProbingPose] = []
         for topic, heard in ((CAPTURE_POSES, self.poses), (CAPTURE_UNDONE, self.undone)):
             self.node.create_subscription(ProbingPose, topic.name, heard.append, qos_of(topic))
+        self.quality: list[CaptureQuality] = []
+        self.node.create_subscription(
+            CaptureQuality, CAPTURE_QUALITY.name, self.quality.append, qos_of(CAPTURE_QUALITY)
+        )
         self.clients = {
             name: self.node.create_client(Trigger, f'/capture/{name}') for name in ('take', 'undo')
         }
@@ -153,6 +157,7 @@ def test_poses_are_taken_by_service_and_key_and_identified_from(
     led.until(lambda: len(led.poses) == len(postures) + 2)
     os.write(hand, b'u\n')
     led.until(lambda: len(led.undone) == 2)
+    led.until(lambda: led.quality[-1].taken == 16)
     process.send_signal(signal.SIGINT)
     assert process.wait(30) == 0, (tmp_path / 'log').read_text()
     assert '16 poses taken by hand, 2 taken back' in (tmp_path / 'log').read_text()

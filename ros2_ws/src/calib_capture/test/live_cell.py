@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calib_capture.checking import OK, Finding, Heard, SmallMove
+from calib_capture.motion import InterpolatedMotion, MotionState, Trajectory
 from calib_model.instruments import ActiveProbe, Arm, Gauge
 from calib_model.kinematics import forward_kinematics, points
 from calib_model.pairing import JointSample, Reading
@@ -38,6 +39,9 @@ class Wrongs:
     swapped: bool = False  # the first two joints of commands
     backwards: bool = False  # commands are
     unstamped: bool = False
+    jitter: float = 0.0  # s, of the joints' stamps
+    step: float = 0.0  # rad, of the joints' encoders
+    errors: float = 1.0  # times the usual ones of arm and probe
 
 
 @dataclass
@@ -51,26 +55,28 @@ class LiveCell:
     wrongs: Wrongs
     heard: Heard = field(default_factory=Heard)
     moves: list[SmallMove] = field(default_factory=list)
+    seed: int = 5
 
     def __post_init__(self) -> None:
-        rng = self._rng = np.random.default_rng(5)
+        rng = self._rng = np.random.default_rng(self.seed)
         joints = [
             replace(joint, direction=-joint.direction) if i == self.wrongs.flips else joint
             for i, joint in enumerate(self.arm.joints)
         ]
         arm = replace(self.arm, joints=tuple(joints))
-        off = rng.normal(size=arm.geometry[:4].shape) * 3e-4
+        off = rng.normal(size=arm.geometry[:4].shape) * 3e-4 * self.wrongs.errors
         geometry = arm.geometry.copy()
         geometry[:4] += off
         self._true = arm.with_geometry(geometry)
         mount = self.probe.flange_T_probe
         turn = rotation_matrix(np.array(self.wrongs.turn)) @ rotation_matrix(
-            rng.normal(size=3) * 5e-3
+            rng.normal(size=3) * 5e-3 * self.wrongs.errors
         )
-        at = mount.translation + rng.normal(size=3) * 1e-3
+        at = mount.translation + rng.normal(size=3) * 1e-3 * self.wrongs.errors
         self._mounted = self.probe.mounted(
             RigidTransform(at, rotation_vector(mount.rotation @ turn))
         )
+        self._motion: tuple[float, InterpolatedMotion] | None = None
         self._here, self._time, self._to = self.posture.copy(), 0.0, [(0.0, self.posture.copy())]
         in_probe = self._mounted.flange_T_probe.apply(OFFSET[None])
         self._sphere = points(self._true, self.posture[None], in_probe)[0]
@@ -82,9 +88,11 @@ class LiveCell:
             if self._time % 1.0 < wrongs.silence:
                 continue
             stamp = 0 if wrongs.unstamped else BEGIN + round(self._time * SECOND)
+            late = round(self._rng.normal() * wrongs.jitter * SECOND) if wrongs.jitter else 0
             q = self._at(self._time)
             told = (q + self._rng.normal(size=len(q)) * wrongs.joint_noise) * wrongs.angle
-            self.heard.take(JointSample(stamp, told), self._time)
+            told = np.round(told / wrongs.step) * wrongs.step if wrongs.step else told
+            self.heard.take(JointSample(stamp + late, told), self._time)
             self._read(q, stamp)
 
     def _read(self, q: np.ndarray, stamp: int) -> None:
@@ -94,11 +102,16 @@ class LiveCell:
         mount = self._mounted.flange_T_probe
         p_probe = mount.rotation.T @ (p_flange - mount.translation)
         s = self._mounted.displacements(p_probe[None], self.gauge.sphere_diameter)[0]
+        true = s
         s = s + self._rng.normal(size=3) * wrongs.noise
         if wrongs.stuck is not None:
             s[wrongs.stuck] = 5e-4 + self._rng.normal() * wrongs.noise
         s = (s * wrongs.signs * wrongs.length)[list(wrongs.order)]
-        reading = Reading(stamp - round(wrongs.clock * SECOND), s, (0, 0, 0))
+        lower, upper = self.probe.stroke.T
+        far = ~(true >= lower)  # also where a sphere is nowhere near
+        out = [1 if a else 2 if b else 0 for a, b in zip(far, true > upper, strict=True)]
+        status = (out[0], out[1], out[2])
+        reading = Reading(stamp - round(wrongs.clock * SECOND), s, status)
         self.heard.take(reading, self._time + 1e-3)
 
     def topic_findings(self) -> list[Finding]:
@@ -122,7 +135,16 @@ class LiveCell:
         self._to = [(self._time, self._at(self._time))]
         self._to += [(self._time + s, q) for s, q in zip(move.seconds, positions, strict=True)]
 
+    def follow(self, trajectory: Trajectory) -> None:
+        """Go by a trajectory, to its end."""
+        start = MotionState.resting(trajectory.positions[0])
+        self._motion = self._time, InterpolatedMotion(start, trajectory)
+        self.spin(trajectory.duration)
+
     def _at(self, now: float) -> np.ndarray:
+        if self._motion is not None:
+            begin, motion = self._motion
+            return motion.positions_at(np.array(now - begin))
         for (begin, start), (end, goal) in zip(self._to[:-1], self._to[1:], strict=True):
             if now < end:
                 x = np.clip((now - begin) / (end - begin), 0.0, 1.0)

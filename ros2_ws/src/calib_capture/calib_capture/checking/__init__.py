@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from calib_capture.checking.small_motion import (
         SmallMove as SmallMove,
         small_moves as small_moves,
+        small_turns_at as small_turns_at,
     )
     from calib_capture.checking.streams import (
         Heard as Heard,

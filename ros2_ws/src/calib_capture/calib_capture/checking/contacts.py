@@ -13,7 +13,7 @@ from calib_capture.checking.hypotheses import (
     Explained,
     explained,
 )
-from calib_capture.checking.signs import fits
+from calib_capture.checking.signs import Told, fits, told_by
 from calib_capture.checking.streams import Heard, arrival_offset
 from calib_model.arrays import Array
 from calib_model.instruments import ActiveProbe, Arm, Gauge
@@ -23,6 +23,7 @@ from calib_model.stamps import SECOND
 MOST_ROWS, FEWEST = 60, 10
 USUAL_GAPS, SHORT = 2.5, 0.004  # of the usual time between joint states, and s, to interpolate over
 FAR = 0.03  # s between clocks beyond which speeds at a reading's stamp are of another instant
+AGAIN = 0.01  # s between clocks, from which on all is told again
 STUCK = 0.05  # of the way of the liveliest stylus, that each makes at least
 
 
@@ -35,12 +36,12 @@ def contact_of(heard: Heard, shift: float = 0.0, rows: int = MOST_ROWS) -> Conta
     if len(stamps) < 4 or len(good) < FEWEST:
         return None
     q = np.array([joints[stamp] for stamp in stamps.tolist()])
-    noise = max(NOISE, _noise(np.array([each.displacement for each in good])))
+    noise = max(NOISE, noise_of(np.array([each.displacement for each in good])))
     thin = good[:: max(len(good) // rows, 1)]
     return _interpolated(stamps, q, thin, shift, noise)
 
 
-def _noise(values: Array) -> float:
+def noise_of(values: Array) -> float:
     """The largest standard deviation of values (N, k) in motion, by third differences, of which
     motion has next to nothing; their median leaves out where contact begins and ends."""
     thirds = np.abs(np.diff(values, n=3, axis=0))
@@ -90,6 +91,14 @@ def in_step(arm: Arm, probe: ActiveProbe, gauge: Gauge, heard: Heard) -> Contact
         return found.cost / found.rows
 
     return min(tried, key=cost, default=None)
+
+
+def told_of(arm: Arm, probe: ActiveProbe, gauge: Gauge, heard: Heard, contact: Contact) -> Told:
+    """What a contact of what was heard tells, by the joints of the right instants."""
+    told = told_by(arm, probe, gauge, contact)
+    late = (told.found or told.plain).late
+    again = contact_of(heard, late) if abs(late - contact.shift) > AGAIN else None
+    return told if again is None else told_by(arm, probe, gauge, again)
 
 
 def stuck(contact: Contact) -> int | None:

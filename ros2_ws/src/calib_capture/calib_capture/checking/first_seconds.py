@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from calib_capture.checking.contacts import contact_of
 from calib_capture.checking.finding import WRONG
+from calib_capture.checking.first_contacts import LATE, ROWS, FirstContacts, clock_apart
 from calib_capture.checking.hypotheses import AS_DESCRIBED, Contact, Explained, explained
 from calib_capture.checking.signs import CLEARLY, SURELY, fits, told_by
 from calib_capture.checking.streams import SLOW, Heard, arrivals, nearest_arrival
@@ -17,26 +19,28 @@ from calib_capture.checking.units import joint_units
 from calib_model.arrays import Array
 from calib_model.instruments import ActiveProbe, Arm, Gauge, known_centers
 from calib_model.kinematics import points
-from calib_model.pairing import JointSample, Reading
+from calib_model.pairing import NOISIEST, JointSample, Reading, Reason, SteadySettings
 from calib_model.stamps import SECOND
 
 PERIOD = 1.0  # s between two looks
 LISTENED = 2.0  # s after which rates and clocks are told
 LONGEST = 30.0  # s after which nothing more is looked at
-CONTACTS, ROWS = 2, 40  # contacts, and readings of them, that tell of signs
+CONTACTS = 2  # contacts that tell of signs together
 CLEARED = 8  # contacts in which all is as described: there need be no more
-LATE = 0.01  # s between the clocks, told by motion
 STEADY = 0.25  # of the offset by arrival, that it may vary by
 APART = 0.25  # s between the clocks, told by the messages that come nearest together
 BACK = 0.1  # of stamps, that may go back
 REAL = 1.5  # times as fast as real: what lives faster is a simulation, and in haste
 REFUSED = 4  # poses refused, and none taken
+DEAFENING = 1.5  # times the noise that is averaged away: few readings tell it roughly
+UNSTEADY, UNQUIET = Reason.STYLI_UNSTEADY.value, 2  # tries in vain that noise explains
+NO_POSES, NONE = np.empty((0, 0)), Counter[str]()
 TELLS_MORE = '`ros2 run calib_capture check` tells more'
 #: what it may come from, by the reason of refusal
 WHY: Mapping[str, str] = {
     'no contact': 'is the gauge where it is said to be, and does every joint count as described?',
     'over-travel': 'is the gauge where it is said to be?',
-    'styli not steady': 'is there noise on the styli, or vibration?',
+    UNSTEADY: 'is there noise on the styli, or vibration?',
     'joint states missing': 'are there gaps in the joint states, or two clocks?',
     'no probe readings': 'are there gaps in the readings, or two clocks?',
 }
@@ -45,12 +49,22 @@ WHY: Mapping[str, str] = {
 class FirstSeconds:
     """Sees both streams; `objection` is why the capture is to stop, empty as long as it is not.
 
-    `places` (K, 3), m, are where the spheres should be in the base frame.
+    `places` (K, 3), m, are where the spheres should be in the base frame, `poses` (N, n) the
+    postures to which the arm is sent. Readings of a pose may be `spread` (m) apart.
     """
 
-    def __init__(self, arm: Arm, probe: ActiveProbe, gauge: Gauge, places: Array) -> None:
+    def __init__(
+        self,
+        arm: Arm,
+        probe: ActiveProbe,
+        gauge: Gauge,
+        places: Array,
+        poses: Array = NO_POSES,
+        spread: float = SteadySettings.max_spread,
+    ) -> None:
         self._arm, self._probe, self._gauge = arm, probe, gauge
-        self._places = places
+        self._places, self._spread = places, spread
+        self._alone = FirstContacts(arm, probe, gauge, poses)
         self._over = False
         self.objection = ''
         self.start_over()
@@ -60,6 +74,7 @@ class FirstSeconds:
         self._heard = Heard()
         self._begin = self._due = 0.0
         self._contacts, self._touching, self._told = 0, False, 0
+        self._alone.start_over()
 
     def see(self, message: JointSample | Reading, now: float) -> None:
         """One message that came `now` (s)."""
@@ -75,6 +90,8 @@ class FirstSeconds:
         elif first_joints:
             self._begin, self._due = now, now + LISTENED
             self._object(self._units())
+        if self._begin:
+            self._object(self._of_first(message))
         if now >= self._due and self._begin:
             self._due = now + PERIOD
             self._look(now)
@@ -84,13 +101,35 @@ class FirstSeconds:
         """Whether it has heard enough."""
         return self._over
 
-    def refused(self, taken: int, refused: Mapping[str, int]) -> None:
-        """How many poses were taken and refused so far, by reason."""
-        if taken or sum(refused.values()) < REFUSED:
+    def refused(
+        self, taken: int, refused: Mapping[str, int], tried_again: Mapping[str, int] = NONE
+    ) -> None:
+        """How many poses were taken, refused, and are tried again so far, by reason."""
+        if taken:
+            return
+        unsteady = refused.get(UNSTEADY, 0) + tried_again.get(UNSTEADY, 0)
+        if unsteady >= UNQUIET and self._alone.noise > self._spread:
+            self._object(self._noisy())
+        if sum(refused.values()) < REFUSED:
             return
         reason = max(refused, key=lambda each: refused[each])
         if reason in WHY:
             self._object(f'the first {sum(refused.values())} poses gave {reason}: {WHY[reason]}')
+
+    def _of_first(self, message: JointSample | Reading) -> str:
+        if self._pace() >= REAL:
+            self._alone.start_over()
+            return ''
+        found = self._alone.see(self._heard, message)
+        return found or (
+            self._noisy() if self._alone.noise > DEAFENING * NOISIEST * self._spread else ''
+        )
+
+    def _noisy(self) -> str:
+        return (
+            f'readings scatter by {self._alone.noise * 1e6:.0f} um on a sphere, of a pose they may '
+            f'be {self._spread * 1e6:.0f} um apart: see to cables, shields and vibration'
+        )
 
     def _look(self, now: float) -> None:
         self._object(self._units() or self._streams())
@@ -157,12 +196,12 @@ class FirstSeconds:
             if _apart(plain) and shifted is not None:
                 again = self._explained(shifted)
                 if again.cost / again.rows * CLEARLY < plain.cost / plain.rows:
-                    return _clock(again)
+                    return clock_apart(again)
             told = told_by(self._arm, self._probe, self._gauge, self._by_sphere(contact))
             if told.found is not None and not told.ok:
                 return f'{told.names}: so the readings say, not as described'
         self._told = self._contacts
-        return _clock(plain) if fits(plain) else ''
+        return clock_apart(plain) if fits(plain) else ''
 
     def _explained(self, contact: Contact) -> Explained:
         spheres = self._by_sphere(contact)
@@ -179,13 +218,3 @@ class FirstSeconds:
 
 def _apart(plain: Explained) -> bool:
     return abs(plain.late) > max(LATE, SURELY * plain.late_uncertainty)
-
-
-def _clock(plain: Explained) -> str:
-    if not _apart(plain):
-        return ''
-    return (
-        f'readings are stamped {abs(plain.late) * 1e3:.0f} ms too '
-        f'{"early" if plain.late > 0 else "late"} for the joints: stamp both on one clock, when '
-        'they were measured'
-    )

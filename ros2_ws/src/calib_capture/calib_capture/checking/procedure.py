@@ -8,9 +8,9 @@ from typing import Protocol
 
 import numpy as np
 
-from calib_capture.checking.contacts import contact_of, in_step, stuck
+from calib_capture.checking.contacts import in_step, stuck, told_of
 from calib_capture.checking.finding import DOUBTFUL, WRONG, Finding
-from calib_capture.checking.signs import SIGNS, sign_findings, told_by
+from calib_capture.checking.signs import SIGNS, sign_findings
 from calib_capture.checking.small_motion import SmallMove, small_moves
 from calib_capture.checking.streams import Heard, stream_findings
 from calib_capture.checking.units import unit_findings
@@ -21,7 +21,6 @@ from calib_model.instruments import ActiveProbe, Arm, Gauge
 REST = 0.1  # s that follow a motion
 FOLLOWED = 0.5  # of a commanded turn, that a joint has to make
 LISTENER = 3.0  # s for a controller to show itself
-FAR = 0.01  # s between clocks, from which on they are told again
 FOLLOWING, UNLOOKED = 'following', 'not looked at'
 DEGREES = 57.3
 
@@ -99,11 +98,7 @@ class Check:
             seen = f'displacement {stylus + 1} hardly changes while the arm moves'
             self._say(Finding('styli', WRONG, seen, 'see to this stylus and its cable'))
             return
-        told = told_by(self._arm, self._probe, self._gauge, contact)
-        late = (told.found or told.plain).late
-        again = contact_of(self._cell.heard, late) if abs(late - contact.shift) > FAR else None
-        if again is not None:  # by the joints of the right instants
-            told = told_by(self._arm, self._probe, self._gauge, again)
+        told = told_of(self._arm, self._probe, self._gauge, self._cell.heard, contact)
         self._say(*sign_findings(told))
 
     def _follows(self, move: SmallMove) -> bool:

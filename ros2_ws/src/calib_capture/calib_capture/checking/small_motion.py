@@ -16,6 +16,7 @@ LEAST_ROOM = 3e-4  # m, without which nothing is moved
 WIDEST = 0.02  # rad that a joint turns at most
 QUICKEST = 0.25  # s from one end to the other
 STATES = 15  # joint states from one end to the other, at least
+AROUND = 5e-4  # m at the probe, of a turn in a capture: less than placements are off by
 JERK, ACCELERATION = 20.0, 4.0  # rad/s^3, rad/s^2: far less than any arm can
 PEAK_JERK, PEAK_ACCELERATION = 60.0, 5.7735  # of a quintic from rest to rest, of way / time^3, ^2
 
@@ -60,6 +61,19 @@ def small_moves(
         ways = np.abs(np.diff(stops, prepend=middle))
         moves.append(SmallMove(joint, np.cumsum([_duration(way, rate) for way in ways]), positions))
     return moves
+
+
+def small_turns_at(arm: Arm, probe: ActiveProbe, joints: Array, displacement: Array) -> Array:
+    """How far (n,), rad, each joint may turn from a posture (n,), one after the other; 0 where
+    styli that are displaced by (3,) would be too near an end of their stroke."""
+    lower, upper = probe.stroke.T
+    room = float(np.minimum(displacement - lower, upper - displacement).min())
+    if room < LEAST_ROOM:
+        return np.zeros(arm.n)
+    most = min(SHARE * room, AROUND)
+    turns = np.minimum([most / far for far in _farthest(arm, probe)], WIDEST)
+    over = joints + turns > arm.limits[:, 1]
+    return np.where(over, -turns, turns)
 
 
 def _duration(way: float, rate: float) -> float:

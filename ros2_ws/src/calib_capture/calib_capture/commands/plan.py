@@ -25,8 +25,15 @@ from calib_model.instruments import Arm, Gauge, Probe
 from calib_model.progress import Progress
 
 MOST_POSES, MOST_POOL = 100_000, 1000
-SMALLEST = 1e-9  # m, rad
 MOST_STATIONS = 100
+SMALLEST = 1e-9  # m, rad
+#: what the capture's time depends on, as its parameters are named: range and meaning
+MOTION = {
+    'speed': (1e-3, 1.0, 'of each joint, share of its limit, by which the time is told'),
+    'approach_speed': (1e-3, 2.0, "m/s along the probe's axis"),
+    'acceleration': (1e-2, 1e4, 'rad/s^2, limit of joints for which the arm has none'),
+    'jerk': (1e-1, 1e6, 'rad/s^3, limit of joints for which the arm has none'),
+}
 
 ABOUT = """\
 Plan the measuring program that `capture` with the same settings would run, and tell of it: how
@@ -60,14 +67,19 @@ def _plan() -> None:
     for option in ('target', 'stations', 'turn_noise', 'output'):
         if getattr(given, option) is not None:
             raise UsageError(f'--{option.replace("_", "-")}: goes with --tracker')
-    for line in program.program_text(planned(given)):
+    found = planned(given)
+    for line in program.program_text(found):
         print(line)
+    if few := program.shortfall(found, given.poses, given.between_locations == program.GO):
+        print(f'\n{few}')
 
 
 def _plan_for_tracker(given: argparse.Namespace) -> None:
-    for option in ('probe', 'gauge', 'placements', 'locations', 'spheres'):
+    for option in ('probe', 'gauge', 'placements', 'locations', 'spheres', *MOTION):
         if getattr(given, option):
-            raise UsageError(f'--{option}: goes without --tracker; a tracker takes no {option}')
+            raise UsageError(
+                f'--{option.replace("_", "-")}: goes without --tracker; a tracker takes no {option}'
+            )
     default = program.TrackerSettings(given.tracker)
     settings = program.TrackerSettings(
         given.tracker,
@@ -119,7 +131,10 @@ def planned(given: argparse.Namespace) -> program.Program:
     found = program.Planner(arm, probe, gauge, settings).program(
         placements, given.locations or (), Progress(sys.stderr)
     )
-    return measuring.RunSettings(hold=standing.hold).timed(found, arm)
+    run = measuring.RunSettings(
+        hold=standing.hold, **{name: getattr(given, name) for name in MOTION}
+    )
+    return run.timed(found, arm)
 
 
 def described(given: argparse.Namespace) -> tuple[Arm, Probe, Gauge]:
@@ -188,6 +203,18 @@ def add_probing(parser: CommandParser) -> None:
     parser.add_argument('--seed', type=whole_from(0, 2**62), default=default.seed, metavar='N')
 
 
+def _add_motion(parser: CommandParser) -> None:
+    """Options that say how fast the arm goes, as the capture's parameters of these names."""
+    default = measuring.RunSettings()
+    for name, (least, most, text) in MOTION.items():
+        parser.add_argument(
+            f'--{name.replace("_", "-")}',
+            type=number_from(least, most),
+            metavar='X',
+            help=f'{text} (default: {getattr(default, name)})',
+        )
+
+
 def _parser() -> CommandParser:
     default = program.ProgramSettings()
     parser = CommandParser('plan', ABOUT, EXAMPLE)
@@ -218,6 +245,7 @@ def _parser() -> CommandParser:
         'is one (default: %(default)s)',
     )
     add_probing(parser)
+    _add_motion(parser)
     parser.add_argument(
         '--tracker',
         type=number_from(SMALLEST, 1),

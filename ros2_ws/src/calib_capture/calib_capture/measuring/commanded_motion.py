@@ -32,6 +32,7 @@ HELD = 0.1  # s to stay where it is
 UNSURE = 0.06  # s, how late a stop may be taken, and how far drives may be behind
 LATEST = 1.5  # s, how far behind its command an arm is looked for
 LOOKS, CLOSER = 0.02, 0.002  # s between places where it is looked for, and then around the best
+FAR = 0.05  # rad that an arm is behind which does not follow
 ALIKE = 2e-3  # rad, root mean square: places that cannot be told apart
 TRACK, APART = 150, 0.01  # joint states that tell, and s between them
 LONG = 1.0  # s by which stamps do not fall but with their clock
@@ -107,6 +108,14 @@ class CommandedMotion:
         if motion is None or self._there(motion):
             return False
         return self.elapsed(now) < motion.duration + UNSURE * self._pace.known
+
+    def ought_to_move(self, now: float, seconds: float) -> bool:
+        """Whether the way went on for all of so many seconds, and far from where the arm is."""
+        motion, here = self._motion, self._track[-1][2] if self._track else None
+        if motion is None or here is None or self._pace.known != 1.0 or not self.under_way(now):
+            return False
+        way = motion.positions_at(self.elapsed(now) - np.array([seconds, 0.0]))
+        return bool(min(np.abs(way[0] - way[1]).max(), np.abs(way - here).max(axis=1).min()) > FAR)
 
     def _there(self, motion: InterpolatedMotion) -> bool:
         """Whether the arm has been seen at the end, when it was to be there: a simulation may be

@@ -7,7 +7,7 @@ from calib_capture.measuring.commanded_motion import CommandedMotion
 from calib_capture.measuring.locations import OneGauge
 from calib_capture.measuring.patience import Patience
 from calib_capture.measuring.pose_queue import PoseQueue, TakenPose
-from calib_capture.measuring.pose_ways import PoseWays
+from calib_capture.measuring.pose_ways import PoseWays, Turns
 from calib_capture.measuring.run_settings import RunSettings
 from calib_capture.measuring.whereabouts import Whereabouts
 from calib_capture.motion import Leg, Trajectory
@@ -16,6 +16,7 @@ from calib_model.arrays import Array
 from calib_model.instruments import Arm
 from calib_model.pairing import Outcome, Refusal
 
+STUCK = 1.5  # s that an arm stands on its way
 STANDS = 0.1  # s before an arm counts as standing that nobody commanded there
 
 
@@ -28,7 +29,8 @@ class MeasuringRun:
 
     One gauge that is carried stands `at` a location to begin with, at the program's first where
     none is given. All of a location is done, its spares too, then the arm goes out of the way, and
-    `awaits` says where the gauge is to be carried, until it was `carried`.
+    `awaits` says where the gauge is to be carried, until it was `carried`. `turns` gives (n,)
+    rad by which the joints turn at the first pose and back, once it was held.
     """
 
     def __init__(
@@ -38,12 +40,13 @@ class MeasuringRun:
         settings: RunSettings,
         now: float,
         at: int | None = None,
+        turns: Turns | None = None,
     ) -> None:
         self.settings = settings
         self.poses = PoseQueue(program, settings.attempts)
         self.tally, self.locations = self.poses.tally, self.poses.locations
         self.taken, self.refused = self.poses.taken, self.poses.refused
-        self._ways = PoseWays(arm, program, settings)
+        self._ways = PoseWays(arm, program, settings, turns)
         self.where = Whereabouts(arm.joint_names, settings.tolerance)
         self.motion = CommandedMotion(settings.whole_limits(arm))
         self.paused = False
@@ -148,6 +151,15 @@ class MeasuringRun:
         """Whether the open poses have gone without a sign of life for too long."""
         waits = bool(self.poses.waiting) or self._poseless
         return waits and self.where.heard and self._patience.overdue(now)
+
+    def stuck(self, now: float) -> bool:
+        """Whether the arm has stopped where nobody planned it to, and left its way far behind."""
+        here = self.where.stands
+        if here is None or not self.where.left or self.where.held < STUCK:
+            return False
+        if not self.motion.ought_to_move(now, STUCK):
+            return False
+        return not any(self.where.near(pose.joints, here) for pose in self.poses.open)
 
     def close_batch(self, now: float) -> None:
         """Give up waiting for the open poses; each is tried once more, then refused.

@@ -156,6 +156,7 @@ class PoseQueue:
     def _again(self, attempt: Attempt, reason: str) -> None:
         if attempt.number < self._attempts:
             self._todo.appendleft(Attempt(attempt.pose, attempt.number + 1))
+            self.tally.tried_again[reason] += 1
         else:
             self._refuse(attempt.pose, reason)
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from calib_capture.measuring.run_settings import RunSettings
@@ -11,6 +13,7 @@ from calib_capture.program import PlannedPose, Program, visit
 from calib_model.arrays import Array, largest_difference
 from calib_model.instruments import Arm
 
+Turns = Callable[[PlannedPose], Array]
 NO_FREE_WAY = 'no free way'
 STEP_ASIDE = 0.01  # rad of the last joint: enough for a new stop, little for the probe
 
@@ -18,10 +21,13 @@ STEP_ASIDE = 0.01  # rad of the last joint: enough for a new stop, little for th
 class PoseWays:
     """Leads the arm as the program says, or by what is found anew where the arm is not where the
     program has it. Remembers at which poses the arm may be, to leave their spheres by the approach.
+    At the first pose it turns each joint by `turns` (n,) of it and back, if any.
     """
 
-    def __init__(self, arm: Arm, program: Program, settings: RunSettings) -> None:
-        self._arm, self._settings = arm, settings
+    def __init__(
+        self, arm: Arm, program: Program, settings: RunSettings, turns: Turns | None = None
+    ) -> None:
+        self._arm, self._settings, self._turns = arm, settings, turns
         self._limits = settings.limits(arm)
         self._visited: list[PlannedPose] = []  # since where the last command began
         self.plan_anew(program)
@@ -55,6 +61,9 @@ class PoseWays:
         if between is None:
             return False
         visit(leg, pose, between, self._settings.approach_speed, self._settings.hold)
+        if self._turns is not None:  # once
+            leg.turn(self._turns(pose))
+            self._turns = None
         self._visited.append(pose)
         return True
 

@@ -13,7 +13,8 @@ from calib_model.pairing import reasons_in_words
 class Tally:
     """Poses planned, taken and refused so far; of the refused, so many were `replaced` by spares.
 
-    `refused` counts by reason, `refused_at` by location, sphere and reason.
+    `refused` counts by reason, `refused_at` by location, sphere and reason; `tried_again` what was
+    in vain and is tried once more.
     """
 
     planned: int
@@ -21,6 +22,7 @@ class Tally:
     replaced: int = 0
     refused: Counter[str] = field(default_factory=Counter)
     refused_at: Counter[tuple[int, int, str]] = field(default_factory=Counter)
+    tried_again: Counter[str] = field(default_factory=Counter)
 
     @property
     def left(self) -> int:

@@ -87,6 +87,11 @@ class Whereabouts:
         return self._stands.mean
 
     @property
+    def left(self) -> bool:
+        """Whether it has moved since it was commanded."""
+        return self._left
+
+    @property
     def held(self) -> float:
         """For how many s it has stood where it is."""
         return self._stands.held

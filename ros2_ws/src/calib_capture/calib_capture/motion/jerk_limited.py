@@ -9,6 +9,7 @@ quintic polynomials the very motion.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -25,6 +26,10 @@ LEAD = 0.1  # s at the start in which a controller comes from where it holds to 
 SHORTEST_PHASE = 1e-3  # s: rounded stamps of points nearer in time would be seen in the jerk
 EASIER, TRIALS = 0.98, 40  # what acceleration is tried next where a phase is shorter, and how often
 LEGS = 1 << 14  # that are timed once: a run commands what its program was timed by
+SHORTEST_TURN = 0.2  # s that a small turn takes
+NEXT_TURN = 0.25  # of it, after which the next joint begins
+TURN_POINTS = 20
+PEAKS = (4.09, 39.5, 340.0)  # of velocity, acceleration and jerk, in turns / T, / T^2, / T^3
 NEAR, TINY = 1e-9, 1e-12  # rad: no way at all
 
 
@@ -54,6 +59,7 @@ class Leg:
         self._ways: list[Array] = [np.zeros(len(here))]
         self._begins = [0.0]
         self._counts = [1]
+        self._turns: list[tuple[int, Trajectory]] = []  # and before which phase
 
     @property
     def moves(self) -> bool:
@@ -83,6 +89,15 @@ class Leg:
         if whole > 0:
             self._add(np.zeros(len(self.here)), [Phase(whole, 0.0, 0.0, 0.0)])
 
+    def turn(self, turns: Array) -> None:
+        """Each joint after the other by `turns` (n,) and back, without a rest between."""
+        if np.abs(turns).max() < NEAR:
+            return
+        motion = small_turns(self.here, turns, self._limits)
+        later = replace(motion, seconds=self.seconds + motion.seconds)
+        self._turns.append((len(self._phases), later))
+        self.seconds = float(later.seconds[-1])
+
     def _add(self, way: Array, phases: Sequence[Phase]) -> None:
         self._from.append(self.here)
         self._ways.append(way)
@@ -98,12 +113,16 @@ class Leg:
             for each in (self._from, self._ways, self._begins)
         )
         t, s, ds, dds = np.array(self._phases).T
-        return Trajectory(
-            frozen(begin + t),
-            frozen(start + s[:, None] * way),
-            frozen(ds[:, None] * way),
-            frozen(dds[:, None] * way),
-        )
+        fields = [begin + t, start + s[:, None] * way, ds[:, None] * way, dds[:, None] * way]
+        for row, turn in reversed(self._turns):
+            parts = (turn.seconds, turn.positions, turn.velocities, turn.accelerations)
+            fields = [
+                np.concatenate([field[:row], part[1:], field[row:]])
+                for field, part in zip(fields, parts, strict=True)
+                if part is not None
+            ]
+        seconds, positions, velocities, accelerations = map(frozen, fields)
+        return Trajectory(seconds, positions, velocities, accelerations)
 
 
 @lru_cache(maxsize=LEGS)
@@ -149,3 +168,29 @@ def _profile(velocity: float, acceleration: float, jerk: float) -> ruckig.Profil
             f'no motion within {velocity:g}/s, {acceleration:g}/s^2 and {jerk:g}/s^3 of a way'
         )
     return found.profiles[0][0]
+
+
+def small_turns(at: Array, turns: Array, limits: Array) -> Trajectory:
+    """The motion from posture `at` (n,) and back, by `turns` (n,), rad, within the `limits` (3, n)
+    of velocity, acceleration and jerk.
+
+    Joint i goes by turn_i sin^4(pi t / T) while t is within its T: position, velocity, acceleration
+    and jerk begin and end at 0. The next one begins before, so that the arm never seems to stand.
+    """
+    needed = [
+        (np.abs(turns) * peak / limit).max() ** (1 / power)
+        for power, (peak, limit) in enumerate(zip(PEAKS, limits, strict=True), start=1)
+    ]
+    whole = max(SHORTEST_TURN, *needed)
+    end = whole * (1 + NEXT_TURN * (len(turns) - 1))
+    t = np.linspace(0.0, end, round(TURN_POINTS * end / whole) + 1)
+    begins = NEXT_TURN * np.arange(len(turns))
+    x = np.pi * np.clip(t[:, None] / whole - begins, 0.0, 1.0)
+    sin, cos, rate = np.sin(x), np.cos(x), np.pi / whole
+    sin[-1] = 0.0  # to the last digit
+    return Trajectory(
+        frozen(t),
+        frozen(at + turns * sin**4),
+        frozen(turns * rate * 4 * sin**3 * cos),
+        frozen(turns * rate**2 * (12 * (sin * cos) ** 2 - 4 * sin**4)),
+    )

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         placed_text as placed_text,
         placed_yaml as placed_yaml,
         program_text as program_text,
+        shortfall as shortfall,
     )
     from calib_capture.program.placing import (
         Placed as Placed,

@@ -43,6 +43,22 @@ def program_text(program: Program) -> list[str]:
     return lines
 
 
+def shortfall(program: Program, asked: int, standing: bool) -> str:
+    """What to say of a program with fewer poses than were `asked` for of each sphere, of gauges
+    that are `standing` everywhere at once or of one that is carried; empty where none is missing.
+    """
+    wanted, found = asked * len(program.spheres), len(program.poses)
+    if found >= wanted:
+        return ''
+    why = (
+        'every bar that stands is in the way of all postures and all motion, so some are out of '
+        'reach; with one bar that is carried there are more'
+        if standing
+        else 'for the others there is no free posture or way'
+    )
+    return f'{found} of the {wanted} poses asked for can be gone to: {why}'
+
+
 def expected_lines(uncertainty: float) -> list[str]:
     """What positions are to be expected after a calibration, m."""
     return [

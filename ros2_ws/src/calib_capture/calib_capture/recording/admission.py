@@ -5,12 +5,13 @@ the first seconds speak against it."""
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
 
 from calib_capture.checking import FirstSeconds
-from calib_capture.measuring import RunError
+from calib_capture.measuring import RunError, Tally
 from calib_capture.recording.hand_guided_session import HandGuidedSession
 from calib_capture.recording.program_session import ProgramSession
 from calib_capture.recording.single_publisher import Origin
@@ -65,7 +66,8 @@ class Admission:
             return False
         self._first.see(message, time.monotonic())
         tally = self._session.tally
-        self._first.refused(tally.taken, tally.refused)
+        tried_again = tally.tried_again if isinstance(tally, Tally) else Counter[str]()
+        self._first.refused(tally.taken, tally.refused, tried_again)
         objection = self._first.objection
         if objection:
             self._fail(RunError(objection))

@@ -91,7 +91,7 @@ class HandGuidedTally:
 
 
 class HandGuidedRun:
-    """Takes paired readings in time order and tells which of them are poses."""
+    """Takes paired readings in time order and tells which of them are poses: `taken` so far."""
 
     def __init__(
         self, finder: SphereFinder, settings: HandGuidedSettings, planned: int = 0
@@ -99,6 +99,7 @@ class HandGuidedRun:
         self.tally = HandGuidedTally(planned)
         self._finder = finder
         self._poses = SpacedPoses(settings)
+        self.taken: list[HandGuidedPose] = []
 
     @property
     def current(self) -> Held | None:
@@ -117,6 +118,7 @@ class HandGuidedRun:
             poses += self._take(readings.part(slice(begin, begin + BLOCK)))
         for pose in poses:
             self.tally.spheres[Held(pose.location, pose.sphere)] += 1
+        self.taken += poses
         return poses
 
     def sphere_at(self, joints: Array) -> tuple[int, int]:

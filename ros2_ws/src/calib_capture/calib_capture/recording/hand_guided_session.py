@@ -15,7 +15,7 @@ from calib_capture.recording.hand_guided_record import (
 from calib_capture.recording.hand_guided_run import HandGuidedRun, HandGuidedTally
 from calib_capture.recording.program_session import BACK
 from calib_capture.recording.recorder import Recorder
-from calib_capture.recording.taking_session import PoseTaker
+from calib_capture.recording.taking_session import PoseTaker, TakenByHand
 from calib_model.bags import cdr
 from calib_model.pairing import (
     BRIDGED,
@@ -83,6 +83,15 @@ class HandGuidedSession:
     def tally(self) -> HandGuidedTally:
         """How it is going."""
         return self.run.tally
+
+    @property
+    def poses(self) -> list[TakenByHand]:
+        """All poses so far, along the way and by hand."""
+        along = [
+            ((each.location, each.sphere), each.joints, each.displacement)
+            for each in self.run.taken
+        ]
+        return along if self.taker is None else along + self.taker.poses
 
     def take_joints(self, sample: JointSample, raw: bytes) -> None:
         """A joint state has come; `raw` are its CDR bytes."""

@@ -115,6 +115,8 @@ class ProgramSession:
                 self.run.go_on(now)
         if self._halting:
             self._stop_arm(now)
+        if self.run.stuck(now) and not self._stale(now):
+            self.run.where.refuse_standstill()
         if self.run.overdue(now):
             self._take(self.pairing.finish(), now)
             if now - self._fresh[0] < FRESH:

@@ -29,6 +29,9 @@ UNTOLD = (0, 0)  # location and sphere that nobody has told
 ENOUGH = 6  # poses from which on it can be told in how many sockets they are
 
 
+TakenByHand = tuple[tuple[int, int], Array, Array]  # location and sphere, joints, displacements
+
+
 class TakeError(CalibrationError):
     """A pose that cannot be taken, or taken back."""
 
@@ -94,6 +97,14 @@ class PoseTaker:
         self._heard = -math.inf
         self._samples: deque[JointSample] = deque()
         self._poses: list[Any] = []
+
+    @property
+    def poses(self) -> list[TakenByHand]:
+        """Those that were taken, and not taken back."""
+        return [
+            ((each.location, each.sphere), each.joint_position, each.displacement)
+            for each in self._poses
+        ]
 
     def see(self, sample: JointSample) -> None:
         """A joint state has come."""
@@ -196,6 +207,11 @@ class TakingSession:
     def tally(self) -> TakenTally:
         """How it is going."""
         return self.taker.tally
+
+    @property
+    def poses(self) -> list[TakenByHand]:
+        """All poses so far."""
+        return self.taker.poses
 
     @property
     def finished(self) -> bool:

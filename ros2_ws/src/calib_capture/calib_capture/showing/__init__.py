@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         SphereScatter as SphereScatter,
     )
     from calib_capture.showing.sphere_progress import (
+        HandGuidedProgress as HandGuidedProgress,
         RunProgress as RunProgress,
         SphereProgress as SphereProgress,
     )

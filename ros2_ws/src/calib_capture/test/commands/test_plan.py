@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 import re
+import sys
 from collections import Counter
 from dataclasses import replace
 
@@ -16,6 +17,7 @@ from calib_capture.program import (
     ProgramSettings,
     branch_names,
     program_text,
+    shortfall,
 )
 from calib_capture.showing import outcome_markers, program_markers
 from calib_model.kinematics import forward_kinematics
@@ -144,7 +146,23 @@ def test_the_command_prints_the_text(capsys, monkeypatch):
     assert 'expected standard uncertainty' in printed
     # four spheres of four poses, 0.9 s each at rest and two ways of 30 mm at 0.1 m/s
     told = re.search(r'expected duration of the capture: (\d+) min (\d\d) s', printed)
-    assert 16 * 1.5 < 60 * int(told[1]) + int(told[2]) < 16 * 10
+    seconds = 60 * int(told[1]) + int(told[2])
+    assert 16 * 1.5 < seconds < 16 * 10
+    slowly = ['--speed', '0.03', '--acceleration', '2']
+    monkeypatch.setattr('sys.argv', [*sys.argv, *slowly])
+    assert plan.main() == 0
+    told = re.search(r'expected duration of the capture: (\d+) min', capsys.readouterr().out)
+    assert 60 * int(told[1]) > 2 * seconds
+
+
+def test_a_program_with_fewer_poses_than_asked_for_says_so_and_why(program):
+    asked = len(program.poses) // len(program.spheres)
+    assert shortfall(program, asked, standing=True) == ''
+    few = shortfall(program, asked + 3, standing=True)
+    wanted = len(program.poses) + 3 * len(program.spheres)
+    assert few.startswith(f'{len(program.poses)} of the {wanted} poses asked for can be gone to')
+    assert 'every bar that stands is in the way' in few
+    assert 'no free posture or way' in shortfall(program, asked + 1, standing=False)
 
 
 def test_a_program_takes_as_long_as_the_commands_that_a_run_sends(kr5, program):

@@ -81,6 +81,18 @@ def test_an_arm_comes_and_leaves_by_the_approach_also_from_batch_to_batch(kr5):
     assert stops(second)[:4, 0] == pytest.approx([0.21, 0.22, 0.32, 0.31])
 
 
+def test_at_the_first_pose_the_joints_turn_a_little_and_back_once_it_was_held(kr5, program):
+    run = MeasuringRun(kr5, program, SETTINGS, 0.0, turns=lambda pose: pose.joints * 0.01)
+    plain = MeasuringRun(kr5, program, SETTINGS, 0.0)
+    stand(run)
+    stand(plain)
+    turned, straight = run.next_trajectory(0.0), plain.next_trajectory(0.0)
+    assert (stops(turned)[[0, 1]] == 0.1).all()  # it comes, and is held
+    off = turned.positions - 0.1
+    assert off[np.abs(off) < 2e-3].max() == pytest.approx(1e-3, rel=0.01)
+    assert (stops(turned)[3:] == stops(straight)[2:]).all()
+
+
 def test_an_arm_goes_by_the_way_that_was_found_free_or_by_one_found_anew(kr5):
     asked = []
 
@@ -273,6 +285,23 @@ def test_a_silent_graph_is_given_up_in_time(run):
     run.next_trajectory(2.0)
     with pytest.raises(RunError, match='no pose has been answered for 6 s'):
         run.close_batch(6.0)
+
+
+@pytest.mark.parametrize(('stops_at', 'stuck'), [(0.04, True), (0.1, False)])
+def test_an_arm_that_stops_on_its_way_is_stuck_and_one_that_is_late_at_a_pose_is_not(
+    kr5, stops_at, stuck
+):
+    program = Program((planned(1, count=40, spares=0),))
+    run = MeasuringRun(kr5, program, RunSettings(batch=30), 0.0)
+    stand(run)
+    run.sent(run.next_trajectory(0.0), 0.0)
+    told = []
+    for i in range(300):  # at a hundredth of the way's speed or less, as an override lets it
+        now = i / 100
+        run.see(np.full(6, min(0.08 * now, stops_at)), i * SECOND // 100, now)
+        told.append(run.stuck(now))
+    assert not any(told[:150])
+    assert told[-1] == stuck
 
 
 def test_an_arm_that_has_not_been_heard_since_its_command_is_not_overdue(run):

@@ -8,7 +8,7 @@ import pytest
 
 from calib_capture.measuring import MeasuringRun, RunSettings, TakenPose, Tally
 from calib_capture.program import Planner, ProgramSettings
-from calib_capture.showing import RefusalNews, RunningQuality, RunProgress
+from calib_capture.showing import HandGuidedProgress, RefusalNews, RunningQuality, RunProgress
 from calib_model.kinematics import DEFAULT_SIGMA, ParameterTable, probing_jacobian
 from calib_model.measurement import ProbingSet
 from calib_model.pairing import SteadyPose
@@ -98,6 +98,30 @@ def test_counts_of_spheres_add_up_with_what_was_in_the_bag_before(kr5, probe, ga
     assert (other.sphere, other.taken, other.refused) == (12, 1, {'no contact': 2})
     assert one.left == other.left == 30
     assert (one.two_sigma.nominal > 1e-5).all()
+
+
+def test_a_hand_guided_arm_is_told_of_sphere_by_sphere_as_well(kr5, probe, gauge, program, read):
+    first = program.poses[0]
+    earlier = ProbingSet(
+        np.array([2]),
+        np.array([3]),
+        first.joints[None],
+        read[:1],
+        np.arange(1),
+        np.full(1, 3),
+    )
+    progress = HandGuidedProgress({(2, 3): 5, (2, 12): 1}, kr5, probe, gauge, earlier)
+    taken = [
+        ((2, 3 * (number < 3)), pose.joints, styli)
+        for number, (pose, styli) in enumerate(zip(program.poses[1:6], read[1:6], strict=True))
+    ]
+    untold, one, other = progress.spheres(taken)
+    assert (untold.sphere, untold.planned, untold.taken, untold.left) == (0, 0, 2, 0)
+    assert np.isnan(untold.two_sigma.nominal).all()
+    assert (one.sphere, one.planned, one.taken, one.left) == (3, 5, 4, 1)
+    assert (one.two_sigma.nominal > 1e-5).all()
+    assert (other.sphere, other.taken, other.left) == (12, 0, 1)
+    assert [each.taken for each in progress.spheres([])] == [1, 0]  # what was taken back
 
 
 def test_a_refusal_is_told_once_for_its_reason_and_with_where_it_was():

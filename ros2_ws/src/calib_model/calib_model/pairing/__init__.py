@@ -44,6 +44,7 @@ if TYPE_CHECKING:
         JointSample as JointSample,
         Reading as Reading,
         Reason as Reason,
+        Status as Status,
         reasons_in_words as reasons_in_words,
         usable as usable,
     )
@@ -59,6 +60,7 @@ if TYPE_CHECKING:
         SpacedPoses as SpacedPoses,
     )
     from calib_model.pairing.stop_and_go import (
+        NOISIEST as NOISIEST,
         Outcome as Outcome,
         Pairing as Pairing,
         Refusal as Refusal,

@@ -193,7 +193,9 @@ class CaptureNode(Node):
             self.placements[plan.location].apply(self.gauge.center(plan.sphere))
             for plan in program.spheres
         ]
-        return FirstSeconds(self.arm, self.probe, self.gauge, np.array(places))
+        poses = np.array([pose.joints for pose in program.poses]).reshape(-1, self.arm.n)
+        spread = self.asked.steady.max_spread
+        return FirstSeconds(self.arm, self.probe, self.gauge, np.array(places), poses, spread)
 
     def _fail(self, error: RunError) -> None:
         self.failure = self.failure or error

@@ -31,6 +31,11 @@ class HandGuidedRun(CaptureRun):
         node, begin = self._node, time.monotonic()
         self._showing.places()
         there, noted = self._there(), self._noted()
+        planned = node.asked.program.poses_per_sphere
+        self._showing.begin_hand_guided(
+            {(place, sphere): planned for place in noted.placements for sphere in noted.spheres},
+            there.poses,
+        )
         node.listen()
         self._wait_for(node.missing_streams)
         session = node.begin_hand_guided(there.files, noted)
@@ -41,6 +46,7 @@ class HandGuidedRun(CaptureRun):
         """Take poses of a seated ball when asked to."""
         node, begin = self._node, time.monotonic()
         there = self._there()
+        self._showing.begin_hand_guided({}, there.poses)
         session = node.begin_taking(there.files)
         self._watcher.say(f'{node.probe.name} gives no readings: /capture/take takes a pose')
         keys = Keys(self._watcher.say)
@@ -59,11 +65,13 @@ class HandGuidedRun(CaptureRun):
                     self._spin()
                     self._remind()
                     self._watcher.show(session)
+                    self._showing.hand_guided(session)
                     if ended():
                         break
                 session.finish()
         finally:
             node.end()
+        self._showing.hand_guided(session, last=True)
 
     def _without_readings(self) -> bool:
         """Whether nobody tells of a passive probe, after a while in which somebody might."""

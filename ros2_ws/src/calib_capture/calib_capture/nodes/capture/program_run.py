@@ -13,7 +13,7 @@ from calib_capture.nodes.capture.interventions import Carrying
 from calib_capture.nodes.capture.planning import Planning
 from calib_capture.nodes.capture.run import CaptureRun, Stopped, Unfinished, Watcher
 from calib_capture.nodes.capture.run_display import RunDisplay
-from calib_capture.program import Program
+from calib_capture.program import Program, shortfall
 from calib_capture.recording import Begun, ProgramSession, remaining
 from calib_capture.showing import RefusalNews
 from calib_model.errors import CalibrationError
@@ -42,6 +42,9 @@ class ProgramRun(CaptureRun):
         if program is None:
             raise Stopped('nothing recorded')
         self._showing.program(program)
+        asked = node.asked.program
+        if few := shortfall(program, asked.poses_per_sphere, asked.standing):
+            self._watcher.say(few)
         for location, sphere in program.unreached:
             self._watcher.say(f'location {location}: sphere {sphere} is out of reach')
         there = self._there()

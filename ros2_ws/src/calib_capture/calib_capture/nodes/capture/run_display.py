@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from calib_interfaces.msg import CaptureQuality
 from rclpy.duration import Duration
@@ -14,10 +15,12 @@ from visualization_msgs.msg import MarkerArray
 from calib_capture.nodes.capture.graph import CaptureNode
 from calib_capture.nodes.messages import capture_quality, marker_array
 from calib_capture.program import Program
-from calib_capture.recording import ProgramSession
+from calib_capture.recording import HandGuidedSession, ProgramSession, TakingSession
 from calib_capture.showing import (
+    HandGuidedProgress,
     Marker,
     RunProgress,
+    SphereProgress,
     gauge_markers,
     outcome_markers,
     program_markers,
@@ -39,6 +42,7 @@ class RunDisplay:
         self._program: Program | None = None
         self._planned: list[Marker] = []
         self._progress: RunProgress | None = None
+        self._by_hand: HandGuidedProgress | None = None
         self._markers = _Paced(
             node.create_publisher(MarkerArray, CAPTURE_MARKERS.relative, qos_of(CAPTURE_MARKERS))
         )
@@ -78,6 +82,22 @@ class RunDisplay:
             if last:
                 what.publisher.wait_for_all_acked(Duration(seconds=LAST_WORDS))
 
+    def begin_hand_guided(
+        self, planned: Mapping[tuple[int, int], int], earlier: ProbingSet | None
+    ) -> None:
+        """A hand-guided arm begins, with so many poses planned by location and sphere."""
+        node = self._node
+        self._by_hand = HandGuidedProgress(planned, node.arm, node.probe, node.gauge, earlier)
+
+    def hand_guided(self, session: HandGuidedSession | TakingSession, last: bool = False) -> None:
+        """As `progress`, of an arm that is led by hand: how it is going, in figures."""
+        begin = time.monotonic()
+        if self._by_hand is not None and (last or self._quality.due(begin)):
+            self._publish(self._by_hand.spheres(session.poses), math.nan)
+            self._quality.shown(begin)
+        if last:
+            self._quality.publisher.wait_for_all_acked(Duration(seconds=LAST_WORDS))
+
     def _show_outcomes(self, session: ProgramSession) -> None:
         node, run = self._node, session.run
         done = outcome_markers(run.taken, run.refused, node.arm, node.probe, node.gauge)
@@ -86,7 +106,9 @@ class RunDisplay:
     def _show_quality(self, session: ProgramSession) -> None:
         assert self._progress is not None
         spheres = self._progress.spheres(session.run)
-        left = session.run.seconds_left(time.monotonic())
+        self._publish(spheres, session.run.seconds_left(time.monotonic()))
+
+    def _publish(self, spheres: Sequence[SphereProgress], left: float) -> None:
         self._quality.publisher.publish(
             capture_quality(time.time_ns(), self._node.arm.base_frame, spheres, left)
         )

@@ -7,10 +7,11 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from calib_capture.checking import small_turns_at
 from calib_capture.measuring import MeasuringRun
 from calib_capture.motion import Trajectory
 from calib_capture.nodes.capture.parameters import CaptureParameters
-from calib_capture.program import Program
+from calib_capture.program import PlannedPose, Program
 from calib_capture.recording import (
     HandGuidedRecord,
     HandGuidedRun,
@@ -20,8 +21,9 @@ from calib_capture.recording import (
     Recorder,
     TakingSession,
 )
+from calib_model.arrays import Array
 from calib_model.bags import TEMPERATURE_NOTE, FileAccount
-from calib_model.instruments import Arm, Gauge, PassiveProbe, Probe
+from calib_model.instruments import ActiveProbe, Arm, Gauge, PassiveProbe, Probe
 from calib_model.labelling import SphereFinder
 from calib_model.pairing import ClockEstimate, Pairing
 
@@ -55,7 +57,7 @@ class Opening:
         """A run of a program; a gauge that is carried stands `at` a location."""
         recorder = self._recorder()
         return ProgramSession(
-            MeasuringRun(self.arm, program, self.asked.run, time.monotonic(), at),
+            MeasuringRun(self.arm, program, self.asked.run, time.monotonic(), at, self._turns()),
             Pairing(self.asked.steady),
             recorder,
             self.arm.base_frame,
@@ -64,6 +66,18 @@ class Opening:
             time.time_ns,
             ClockEstimate(self.arm, self.probe, self.gauge),
         )
+
+    def _turns(self) -> Callable[[PlannedPose], Array] | None:
+        """Small motions at the first pose, for the check to tell signs and clocks by."""
+        probe, diameter = self.probe, self.gauge.sphere_diameter
+        if not (self.asked.check and isinstance(probe, ActiveProbe)):
+            return None
+
+        def turns(pose: PlannedPose) -> Array:
+            displacement = probe.displacements(pose.p_probe_sphere[None], diameter)[0]
+            return small_turns_at(self.arm, probe, pose.joints, displacement)
+
+        return turns
 
     def hand_guided(self, noted: HandGuidedRecord) -> HandGuidedSession:
         """A hand-guided arm, whose poses are taken along the way; those of a passive probe by hand
