@@ -131,9 +131,8 @@ def planned(given: argparse.Namespace) -> program.Program:
     found = program.Planner(arm, probe, gauge, settings).program(
         placements, given.locations or (), Progress(sys.stderr)
     )
-    run = measuring.RunSettings(
-        hold=standing.hold, **{name: getattr(given, name) for name in MOTION}
-    )
+    told = {name: value for name in MOTION if (value := getattr(given, name)) is not None}
+    run = measuring.RunSettings(hold=standing.hold, **told)
     return run.timed(found, arm)
 
 
