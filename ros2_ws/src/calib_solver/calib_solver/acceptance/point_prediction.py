@@ -36,7 +36,7 @@ def stated_points(
     rows, places = np.arange(len(problem)), quality.places
     slope, _ = point_slopes(problem, result.table, full, places, rows)
     moved, _ = moved_by_joints(problem, result.table, full, places, rows)
-    scatter = _scatter(result.stated.shares.poses, problem, moved)
+    scatter = _scatter(result.stated.shares.poses, shares, problem, moved)
     common = _of_each_point(result, shares, problem, slope)
     left: Array = np.zeros_like(common)
     mean = variance = 0.0
@@ -56,10 +56,15 @@ def stated_points(
     return moments.stated(quality.distance, LEVEL, result.stated.shares.poses.freedom)
 
 
-def _scatter(noise: PoseNoise, problem: PointProblem, moved: Array) -> Array:
+def _scatter(noise: PoseNoise, shares: PlaceShares, problem: PointProblem, moved: Array) -> Array:
     """Covariance (N, 3, 3), m^2, of the points by their own noise; they move with the joints'
     readings by `moved` (N, 3, n)."""
-    alike = np.eye(3) / problem.weight[:, None, None] - np.eye(3)
+    of_part = [
+        shares.times(problem.targets[problem.target[row]], problem.stations[problem.station[row]])
+        for row in problem.parts[:-1]
+    ]
+    times = np.array(of_part)[problem.part] / problem.weight
+    alike = times[:, None, None] * np.eye(3) - np.eye(3)
     scatter: Array = noise.covariance(moved) + noise.point * alike
     return scatter
 

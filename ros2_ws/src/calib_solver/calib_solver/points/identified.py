@@ -193,6 +193,7 @@ class PointIdentification:
             problem.targets,
             problem.stations,
             problem.unit_sigma,
+            self.noise.scatter(problem),
         )
 
     @property

@@ -32,7 +32,8 @@ class PlaceShares:
     by b (F,) makes an error of `prior` (G, F) times b. What stations' own points are off is
     independent from station to station.
     `unit_sigma`, m, is what was stated of a point that scatters as all is said to here, 0 where
-    nothing was.
+    nothing was. `scatter` has targets and stations whose points have so many times the variance
+    of all, where they scatter otherwise.
     """
 
     targets: tuple[str, ...]
@@ -40,6 +41,14 @@ class PlaceShares:
     prior: Array
     stations: tuple[StationShare, ...]
     unit_sigma: float = 0.0
+    scatter: tuple[tuple[str, int, float], ...] = ()
+
+    def times(self, target: str, station: int) -> float:
+        """How many times the variance of all a point has: as those of its target and station, or,
+        where it is seen from elsewhere, as those of its target on average."""
+        own = [times for name, number, times in self.scatter if (name, number) == (target, station)]
+        own = own or [times for name, _, times in self.scatter if name == target]
+        return float(np.mean(own)) if own else 1.0
 
     @classmethod
     def of(
@@ -50,12 +59,13 @@ class PlaceShares:
         targets: tuple[str, ...],
         stations: tuple[int, ...],
         unit_sigma: float,
+        scatter: tuple[tuple[str, int, float], ...] = (),
     ) -> PlaceShares:
         """From J'J (F + 6 K + 6 S) of all columns, what the prior weighs (F,) beside it, and the
         covariance of the gradient by what the points are off."""
         free = len(information)
         known = free + 6 * len(targets)
-        left, scatter = normal[:known, :known].copy(), gradient[:known, :known].copy()
+        left, spread = normal[:known, :known].copy(), gradient[:known, :known].copy()
         told: list[tuple[int, Array, Array, Array, Array]] = []
         for row, number in enumerate(stations):
             own = slice(known + 6 * row, known + 6 * row + 6)
@@ -64,7 +74,7 @@ class PlaceShares:
             left += normal[:known, own] @ along
             # the gradient with the station at its best, and how it goes with the station's own
             common = gradient[:known, own] + along.T @ gradient[own, own]
-            scatter += along.T @ gradient[own, :known] + common @ along
+            spread += along.T @ gradient[own, :known] + common @ along
             told.append((number, along, inverse, gradient[own, own], common))
         held = left.copy()
         held[np.arange(free), np.arange(free)] += information
@@ -74,4 +84,4 @@ class PlaceShares:
             StationShare(number, along, of_own @ own @ of_own, inverse @ common @ of_own)
             for number, along, of_own, own, common in told
         )
-        return cls(targets, inverse @ scatter @ inverse, prior, found, unit_sigma)
+        return cls(targets, inverse @ spread @ inverse, prior, found, unit_sigma, scatter)

@@ -47,6 +47,16 @@ class PointNoise:
     point_factors: Array
     turn_factors: Array
 
+    def scatter(self, problem: PointProblem) -> tuple[tuple[str, int, float], ...]:
+        """Each target and station of a problem, and how many times the variance of a position its
+        points have; none where all scatter alike."""
+        if (self.point_factors == 1).all():
+            return ()
+        first = problem.parts[:-1]
+        names = [problem.targets[k] for k in problem.target[first]]
+        numbers = [problem.stations[s] for s in problem.station[first]]
+        return tuple(zip(names, numbers, self.point_factors.tolist(), strict=True))
+
 
 def moved_by_joints(
     problem: PointProblem, table: ParameterTable, full: Array, places: Places, rows: IntArray

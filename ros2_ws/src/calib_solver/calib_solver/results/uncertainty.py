@@ -97,6 +97,10 @@ def _places_record(places: PlaceShares | None, times: float) -> dict[str, Any] |
         return None
     return {
         'unit_sigma': places.unit_sigma,
+        'scatter': [
+            {'target': target, 'station': station, 'times': times}
+            for target, station, times in places.scatter
+        ],
         'targets': list(places.targets),
         'noise': (times * places.noise).tolist(),
         'prior': places.prior.tolist(),
@@ -189,7 +193,12 @@ def _places(record: dict[str, Any] | None, free: int) -> PlaceShares | None:
         for one in record['stations']
     )
     noise, prior = _matrix(record, 'noise', (size, size)), _matrix(record, 'prior', (size, free))
-    return PlaceShares(targets, noise, prior, stations, float(record.get('unit_sigma', 0.0)))
+    scatter = tuple(
+        (str(one['target']), int(one['station']), float(one['times']))
+        for one in record.get('scatter', ())
+    )
+    unit_sigma = float(record.get('unit_sigma', 0.0))
+    return PlaceShares(targets, noise, prior, stations, unit_sigma, scatter)
 
 
 def _matrix(record: dict[str, Any], name: str, shape: tuple[int, ...]) -> Array:

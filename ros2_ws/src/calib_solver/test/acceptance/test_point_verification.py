@@ -89,6 +89,25 @@ def test_several_targets_whose_rotation_nobody_measured_are_as_good_as_stated(tm
     assert 0.85 < np.sqrt(np.mean(np.square(ratio))) < 1.2
 
 
+def test_each_target_is_held_to_what_its_own_points_scattered(tmp_path: Path):
+    measured = tracked(14, 260, 2, 1, noise=NOISE, world=14).measured
+    points, shake = measured.points, np.random.default_rng(3)
+    off = np.where(points.target == '2', 9e-5, 0.0)[:, None] * shake.normal(size=(260, 3))
+    points = replace(points, position=points.position + off)
+    seen = np.arange(260) < 160
+    write_points(tmp_path / 'bag', replace(measured, points=points.take(np.flatnonzero(seen))))
+    options = Options('position', quick=True)
+    calibrate_points(Sources((str(tmp_path / 'bag'),)), options, output=str(tmp_path / 'out'))
+    stated = []
+    for target in '12':
+        rows = np.flatnonzero(~seen & (points.target == target))
+        write_points(tmp_path / target, replace(measured, points=points.take(rows)))
+        found = verify(Sources((str(tmp_path / target),)), str(tmp_path / 'out'))
+        assert found.position.rms == pytest.approx(found.position.stated, rel=0.2)
+        stated.append(found.position.stated)
+    assert 1.7 < stated[1] / stated[0] < 2.8
+
+
 def test_points_of_another_stated_sigma_are_held_to_that(tmp_path: Path):
     """A better tracker calibrated, a worse one verifies."""
     worse, ratio = 4.0, []
