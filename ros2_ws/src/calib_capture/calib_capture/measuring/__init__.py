@@ -6,6 +6,11 @@ from typing import TYPE_CHECKING
 from calib_model.lazy import lazily
 
 if TYPE_CHECKING:
+    from calib_capture.measuring.commanded_motion import (
+        AUTO as AUTO,
+        JOINTS as JOINTS,
+        NONE as NONE,
+    )
     from calib_capture.measuring.locations import (
         EndedLocation as EndedLocation,
     )

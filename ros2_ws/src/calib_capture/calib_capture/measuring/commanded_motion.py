@@ -23,6 +23,9 @@ from calib_model.arrays import Array, frozen
 from calib_model.stamps import SECOND
 
 LEAD = 0.5  # s before a trajectory begins, where the arm shares our clock
+#: whose clock tells when a trajectory begins: ours where joint states are stamped by it, theirs, or
+#: nobody's
+AUTO, JOINTS, NONE = 'auto', 'joints', 'none'
 BEAT = SECOND // 20  # ns: it begins at a whole multiple, so the same program is read alike
 AHEAD = 0.2  # s before a stop turns off the way that was commanded with a stamp
 SHARED, LATE = 0.4, 1.0  # s that stamps may be off our clock when the first and any message comes
@@ -43,14 +46,15 @@ HASTE = 0.45  # s until it is stopped as gently as can be, within them or not
 class CommandedMotion:
     """The arm's time is that of its stamps; between them it goes on as the wall's.
 
-    Where stamps are of our own clock a trajectory begins at a stamp, and what is commanded at any
-    instant is known: a stop says the same of what is left of the way, turns off it a little later,
-    and is within the limits whenever it comes until then. Else it is known only from where the
-    joints are, and a stop has to fit all states in which the arm may be.
+    Where stamps are of our own clock, or somebody says that they are of the controller's, a
+    trajectory begins at a stamp, and what is commanded at any instant is known: a stop says the
+    same of what is left of the way, turns off it a little later, and is within the limits whenever
+    it comes until then. Else it is known only from where the joints are, and a stop has to fit all
+    states in which the arm may be.
     """
 
-    def __init__(self, limits: MotionLimits) -> None:
-        self._limits = limits
+    def __init__(self, limits: MotionLimits, stamps: str = AUTO) -> None:
+        self._limits, self._stamps = limits, stamps
         self._motion: InterpolatedMotion | None = None
         self._pace = ArmPace()
         self._begins = 0.0  # s of the arm's time
@@ -81,7 +85,9 @@ class CommandedMotion:
         """The trajectory as it is to be sent, to an arm at rest where it begins."""
         self._motion = InterpolatedMotion(MotionState.resting(trajectory.positions[0]), trajectory)
         self._asked = None
-        shared = self._apart < SHARED and self._newest_apart < LATE
+        shared = self._stamps == JOINTS
+        if self._stamps == AUTO:
+            shared = self._apart < SHARED and self._newest_apart < LATE
         self._begins, self._stamp = self._arm_time(now, 1.0), 0
         if shared:
             self._stamp = -(-round((self._begins + LEAD) * SECOND) // BEAT) * BEAT

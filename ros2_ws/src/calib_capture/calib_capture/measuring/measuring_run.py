@@ -48,7 +48,7 @@ class MeasuringRun:
         self.taken, self.refused = self.poses.taken, self.poses.refused
         self._ways = PoseWays(arm, program, settings, turns)
         self.where = Whereabouts(arm.joint_names, settings.tolerance)
-        self.motion = CommandedMotion(settings.whole_limits(arm))
+        self.motion = CommandedMotion(settings.whole_limits(arm), settings.stamps)
         self.paused = False
         self._poseless = False  # whether it was last commanded to where no pose is
         self._patience = Patience(settings, self.tally, program.seconds, now)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from calib_capture.measuring.commanded_motion import LEAD
+from calib_capture.measuring.commanded_motion import AUTO, LEAD
 from calib_capture.motion import ACCELERATION, JERK, MotionLimits, motion_limits
 from calib_capture.program import Program, motion_seconds
 from calib_model.errors import CalibrationError
@@ -36,6 +36,7 @@ class RunSettings:
     `tolerance` (rad) is how near to the planned joints a stop must be to be that pose's. A pose is
     tried up to `attempts` times.
     Where the gauge is `carried` from location to location, the arm waits for it out of its way.
+    `stamps` says whose clock tells when a trajectory begins.
     """
 
     batch: int = 7
@@ -49,6 +50,7 @@ class RunSettings:
     tolerance: float = 2e-3
     attempts: int = 2
     carried: bool = False
+    stamps: str = AUTO
 
     def whole_limits(self, arm: Arm) -> MotionLimits:
         """What the arm can do."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from calib_capture.default_files import configured, explained
-from calib_capture.measuring import RunSettings
+from calib_capture.measuring import AUTO as OURS, JOINTS, NONE, RunSettings
 from calib_capture.motion import BodySettings, parse_bodies
 from calib_capture.nodes.arm_commander import ACTION, AUTO, TOPIC
 from calib_capture.program import GO, SIMULATED, WAIT, ProgramSettings
@@ -54,6 +54,11 @@ _BETWEEN = (
     'wait: one gauge is carried; before the next location the arm goes out of the way, and waits '
     'for /capture/continue or Enter; go: a gauge stands at every location, and all are in the way; '
     'simulated: a simulated one is wherever it is probed'
+)
+_STAMPS = (
+    'auto: trajectories begin at a stamp where those of the joint states are of the clock of this '
+    'machine; joints: also where they are of another, which has to be the clock of the controller; '
+    'none: they begin when they are received'
 )
 _ACCELERATION = 'rad/s^2, limit of the joints for which the description of the arm has none'
 _JERK = 'rad/s^3, limit of the joints for which the description of the arm has none'
@@ -179,6 +184,14 @@ class ParameterReader:
             )
         return between
 
+    def _stamps(self) -> str:
+        stamps = self._text('command_stamps', OURS, _STAMPS)
+        if stamps not in (OURS, JOINTS, NONE):
+            raise ParameterError(
+                f"parameter 'command_stamps': expected {OURS}, {JOINTS} or {NONE}, got {stamps!r}"
+            )
+        return stamps
+
     def _command(self) -> str:
         how = self._parameters.text('command', AUTO, _COMMAND)
         if how not in (TOPIC, ACTION, AUTO):
@@ -266,6 +279,7 @@ class ParameterReader:
         text = 's a still arm may leave poses unanswered'
         return RunSettings(
             carried=carried,
+            stamps=self._stamps(),
             batch=self._whole('batch', default.batch, 'poses commanded at once', 1, 100),
             hold=standing.hold,
             speed=self._number(
