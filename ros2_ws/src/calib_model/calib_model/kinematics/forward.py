@@ -71,10 +71,11 @@ def _passed_through(
 def _turns_and_slides(arm: Arm, q: Array) -> tuple[Array, Array]:
     """By what each joint turns (n, N), rad, and slides (n, N), m, in postures q (N, n)."""
     moved = (arm.direction * arm.uncoupled(q)).T
-    _, _, d, theta_0, _ = arm.geometry
+    d, theta_0 = arm.geometry[2:4, :, None]
     slides_only = arm.prismatic[:, None]
-    turns = np.where(slides_only, 0.0, moved) - theta_0[:, None]
-    return turns, np.where(slides_only, moved, 0.0) + d[:, None]
+    if not slides_only.any():
+        return moved - theta_0, np.broadcast_to(d, moved.shape)
+    return np.where(slides_only, 0.0, moved) - theta_0, np.where(slides_only, moved, 0.0) + d
 
 
 def forward_kinematics(arm: Arm, q: Array) -> Array:

@@ -47,7 +47,9 @@ class Stretch:
 def stuck_stretches(measured: Measurement) -> tuple[Stretch, ...]:
     """Runs of at least FEWEST poses, in the measurement's order, with one reading of a stylus."""
     read = measured.poses.displacement
-    found = []
+    found: list[Stretch] = []
+    if not read.any():  # a passive probe has none
+        return ()
     for stylus in range(read.shape[1]):
         starts = np.flatnonzero(np.diff(read[:, stylus], prepend=np.nan) != 0)
         lengths = np.diff(starts, append=len(read))
