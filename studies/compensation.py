@@ -9,7 +9,8 @@ from calib_model.arrays import Array
 from calib_model.kinematics import points, tool_motion
 from calib_solver.compensation import Calibrated, Targets, compensate_targets, tip
 from calib_solver.fitting import workspace_at
-from calib_solver.identification import Identification, identify
+from calib_solver.identification import identify
+from calib_solver.identified import Identification
 from studies.running import columns, over_seeds, study
 from studies.scenes import Noise, Scene, aligned, kr5, measure, off_as_the_prior_says, off_mount
 

@@ -11,7 +11,8 @@ from calib_model.descriptions import read_links
 from calib_model.kinematics import COMPLIANCE, ENCODER
 from calib_model.measurement import Measurement
 from calib_solver.fitting import Options
-from calib_solver.identification import Identification, identify
+from calib_solver.identification import identify
+from calib_solver.identified import Identification
 from calib_solver.problem import Problem
 from calib_solver.quality import Quality, assess
 from selfcenter_probe.operator import (

@@ -11,7 +11,8 @@ import numpy as np
 from calib_model.arrays import Array
 from calib_model.kinematics import DEFAULT_SIGMA
 from calib_solver.fitting import NO_PRIOR, OBJECTIVES, Options
-from calib_solver.identification import Identification, identify
+from calib_solver.identification import identify
+from calib_solver.identified import Identification
 from studies.running import columns, over_seeds, study
 from studies.scenes import (
     Noise,

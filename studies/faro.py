@@ -24,7 +24,8 @@ import numpy as np
 from calib_model.bags import read_measurement
 from calib_model.measurement import Measurement
 from calib_solver.fitting import Options
-from calib_solver.identification import Identification, identify
+from calib_solver.identification import identify
+from calib_solver.identified import Identification
 from calib_solver.problem import Problem
 from calib_solver.quality import Quality, assess
 from selfcenter_probe.commands import hand_guided

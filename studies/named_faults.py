@@ -13,7 +13,8 @@ from calib_model.arrays import Array
 from calib_model.descriptions import parse_arm, read_description
 from calib_model.errors import CalibrationError
 from calib_model.measurement import Measurement
-from calib_solver.identification import Identification, identify
+from calib_solver.identification import identify
+from calib_solver.identified import Identification
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
 from studies.robustness import moved

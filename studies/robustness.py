@@ -11,7 +11,8 @@ import numpy as np
 from calib_model.arrays import Array
 from calib_model.measurement import ProbingSet
 from calib_solver.fitting import Options
-from calib_solver.identification import Identification, identify
+from calib_solver.identification import identify
+from calib_solver.identified import Identification
 from calib_solver.problem import Problem
 from calib_solver.quality import assess
 from studies.running import columns, over_seeds, study

@@ -21,7 +21,7 @@ from calib_model.instruments import Arm, Gauge, PassiveProbe, Probe
 from calib_model.kinematics import DEFAULT_SIGMA, parallel_joints, point_derivatives, points
 from calib_model.measurement import Measurement, ProbingSet
 from calib_model.transforms import RigidTransform, nearest_rotation
-from calib_solver.identification import Identification
+from calib_solver.identified import Identification
 from calib_solver.problem import Problem, point_jacobian
 
 CONFIG = Path(__file__).resolve().parents[1] / 'ros2_ws/src/calib_bringup/config'

@@ -41,9 +41,8 @@ ORDER = {
     'calib_capture': 'nodes commands replaying showing recording measuring program motion checking '
     'default_files',
     'calib_solver': 'nodes commands serving acceptance calibration report results resampling '
-    'held_out points identification preparation left_out faults error_models compensation fitting '
-    'quality '
-    'problem',
+    'held_out points identification identified preparation left_out faults error_models '
+    'compensation fitting quality problem',
     'calib_bringup': 'demo launching showing variants processes domains',
 }
 #: loose modules that every room may use; drawn, they would hide the rest

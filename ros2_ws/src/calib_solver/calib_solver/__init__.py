@@ -29,8 +29,10 @@ if TYPE_CHECKING:
         HeldOut as HeldOut,
     )
     from calib_solver.identification import (
-        Identification as Identification,
         identify as identify,
+    )
+    from calib_solver.identified import (
+        Identification as Identification,
     )
     from calib_solver.quality import (
         Quality as Quality,

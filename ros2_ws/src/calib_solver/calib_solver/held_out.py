@@ -9,7 +9,7 @@ from calib_model.descriptions import probe_yaml
 from calib_model.errors import DataError
 from calib_model.measurement import Measurement
 from calib_model.transforms import RigidTransform
-from calib_solver.identification import Identification
+from calib_solver.identified import Identification
 from calib_solver.problem import Problem
 from calib_solver.quality import Quality, assess
 

@@ -20,7 +20,8 @@ from calib_solver.calibration.duplicate_poses import duplicate_lines, noise_line
 from calib_solver.calibration.sources import Loaded, Sources, load_all, unread_lines
 from calib_solver.fitting import Options
 from calib_solver.held_out import HeldOut
-from calib_solver.identification import Identification, identify
+from calib_solver.identification import identify
+from calib_solver.identified import Identification
 from calib_solver.problem import threads
 from calib_solver.quality import Quality
 from calib_solver.results import (

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib_model.measurement import Measurement, ProbingSet
-from calib_solver.identification import Identification
+from calib_solver.identified import Identification
 
 #: multipliers of a sum that hardly two rows share
 MIXING = np.random.default_rng(0).integers(1, 2**63, 64, dtype=np.uint64) | np.uint64(1)

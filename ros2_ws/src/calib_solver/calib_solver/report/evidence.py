@@ -14,7 +14,7 @@ import numpy as np
 
 from calib_model.arrays import Array
 from calib_solver.held_out import HeldOut
-from calib_solver.identification import Identification
+from calib_solver.identified import Identification
 from calib_solver.report.charts import Band, Chart, Note, Series
 from calib_solver.report.figures import (
     convergence_chart,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from calib_model.arrays import Array
 from calib_solver.fitting import Fit
 from calib_solver.held_out import HeldOut
-from calib_solver.identification import Identification
+from calib_solver.identified import Identification
 from calib_solver.quality import Quality, lengths
 from calib_solver.report.charts import Band, Chart, Series
 

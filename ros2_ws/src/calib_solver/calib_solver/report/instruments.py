@@ -18,7 +18,7 @@ from calib_model.files import open_file
 from calib_model.instruments import Gauge, PassiveProbe, Probe
 from calib_model.measurement import ProbingSet
 from calib_solver.held_out import HeldOut
-from calib_solver.identification import Identification
+from calib_solver.identified import Identification
 from calib_solver.report.html import counted, mm, paragraph, part, table, two_digits
 from calib_solver.results import reading_times, scale_words
 

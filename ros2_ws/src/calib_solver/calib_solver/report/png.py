@@ -14,7 +14,7 @@ from calib_model.arrays import Array
 from calib_model.errors import CalibrationError
 from calib_model.files import write_whole
 from calib_solver.held_out import HeldOut
-from calib_solver.identification import Identification
+from calib_solver.identified import Identification
 from calib_solver.points import HeldOutPoints, PointIdentification
 from calib_solver.quality import Quality
 from calib_solver.report.charts import SHAPES, Chart, Series

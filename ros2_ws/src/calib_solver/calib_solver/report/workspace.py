@@ -7,7 +7,7 @@ import numpy as np
 
 from calib_model.arrays import Array
 from calib_solver.held_out import HeldOut
-from calib_solver.identification import Identification
+from calib_solver.identified import Identification
 from calib_solver.quality import Quality
 from calib_solver.report.charts import Chart, Note, Series
 

@@ -23,7 +23,7 @@ from calib_model.kinematics import CorrectedArm, ParameterTable
 from calib_model.measurement import Measurement
 from calib_model.progress import Progress
 from calib_solver.fitting import minimise, objective
-from calib_solver.identification import Identification
+from calib_solver.identified import Identification
 from calib_solver.problem import Problem, accumulate, place_gauge, take_groups
 from calib_solver.quality import probed_points
 from calib_solver.resampling.plan import Plan, refuse_plan

@@ -8,7 +8,7 @@ from typing import Protocol
 from calib_model.kinematics import KINDS
 from calib_solver.error_models import CorrectionChoice, Gain, JointErrorChoice
 from calib_solver.fitting import ParameterEstimate
-from calib_solver.identification import Identification
+from calib_solver.identified import Identification
 from calib_solver.quality import Quality
 from calib_solver.results.quality import Record, quality_record
 

@@ -11,7 +11,7 @@ import numpy as np
 from calib_model.arrays import Array
 from calib_model.instruments import Gauge
 from calib_solver.fitting import Options
-from calib_solver.identification import Identification
+from calib_solver.identified import Identification
 
 #: kinds of an arm's parameters, for people
 KINDS = {

@@ -18,7 +18,7 @@ from calib_model.kinematics import KINDS, Correction
 from calib_model.transforms import RigidTransform
 from calib_solver.fitting import Fit, ParameterEstimate, ProbeFit
 from calib_solver.held_out import HeldOut
-from calib_solver.identification import Identification
+from calib_solver.identified import Identification
 from calib_solver.results.corrections import correction_record, estimate_record, joint_errors_record
 from calib_solver.results.diagnostics import diagnostics_record
 from calib_solver.results.quality import (

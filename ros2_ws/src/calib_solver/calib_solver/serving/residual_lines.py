@@ -10,7 +10,7 @@ import numpy as np
 from calib_model.arrays import Array, frozen
 from calib_model.instruments import Arm
 from calib_model.kinematics import Correction
-from calib_solver.identification import Identification
+from calib_solver.identified import Identification
 from calib_solver.points import PointIdentification, PointQuality, flange_of
 from calib_solver.problem import Problem
 from calib_solver.quality import Quality

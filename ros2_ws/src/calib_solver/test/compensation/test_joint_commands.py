@@ -50,7 +50,8 @@ from calib_solver.compensation.joint_commands import (
 from calib_solver.compensation.path import path_notes
 from calib_solver.compensation.tables import rows_of, with_tool
 from calib_solver.compensation.target_table import TargetTable, read_targets
-from calib_solver.identification import Identification, identify
+from calib_solver.identification import identify
+from calib_solver.identified import Identification
 
 pytestmark = pytest.mark.timeout(60)
 TOOL = RigidTransform(np.array([0.02, -0.01, 0.12]), np.array([0.3, -0.5, 0.2]))

@@ -14,7 +14,8 @@ from calib_model.kinematics import points, probing_jacobian
 from calib_solver.fitting.objectives import OBJECTIVES
 from calib_solver.fitting.options import Options
 from calib_solver.fitting.uncertainty import certificate_covariance, certified_root
-from calib_solver.identification import Identification, identify
+from calib_solver.identification import identify
+from calib_solver.identified import Identification
 from calib_solver.problem import Problem
 
 pytestmark = pytest.mark.timeout(90)
