@@ -188,22 +188,27 @@ class Pairing:
 
     def _outcome(self, stop: Stop) -> Outcome:
         start = stop.samples[0].stamp
-        stands = stop.samples[0].joints
         if not stop.answered:
-            return Refusal(start, stands, Reason.ARM_UNSTEADY)
+            return Refusal(start, stop.samples[0].joints, Reason.ARM_UNSTEADY)
         while self._readings and self._readings[0].stamp < start + self._settle:
             self._readings.popleft()
         count = sum(reading.stamp <= start + self._window for reading in self._readings)
         if count < self.settings.min_readings:
-            return Refusal(start, stands, Reason.NO_READINGS)
+            return Refusal(start, self._stands(stop), Reason.NO_READINGS)
         readings = list(islice(self._readings, count))
         displacement = np.array([reading.displacement for reading in readings])
         reason = self._objection(readings, displacement)
         if reason is not None:
-            return Refusal(start, stands, reason)
+            return Refusal(start, self._stands(stop), reason)
         stamp = start + sum(reading.stamp - start for reading in readings) // count
         joints = self._joints_at(stamp, stop.samples)
         return SteadyPose(stamp, joints, frozen(displacement.mean(axis=0)), count)
+
+    def _stands(self, stop: Stop) -> Array:
+        """Where the arm stands in the window (n,): at its beginning it may still come to rest."""
+        first, end = stop.start + self._settle, stop.start + self._window
+        there = [each.joints for each in stop.samples if first <= each.stamp <= end]
+        return frozen(np.median(there, axis=0)) if there else stop.samples[0].joints
 
     def _joints_at(self, stamp: int, samples: Sequence[JointSample]) -> Array:
         """The joints (n,) of a stop at a stamp: averaged, where many states show no motion."""

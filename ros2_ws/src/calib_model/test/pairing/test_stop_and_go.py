@@ -141,6 +141,19 @@ def test_a_bad_reading_outside_the_window_is_none_of_its_business():
     assert [type(o) for o in outcomes] == [SteadyPose]
 
 
+def test_a_refused_stop_is_where_the_arm_came_to_rest():
+    way = 2e-3 * np.exp(-np.arange(200) / 12.0)  # it creeps into its place
+    pairing = Pairing(SteadySettings(settle=0.2, dwell=0.3))
+    outcomes = []
+    for i, off in enumerate(way):
+        stamp = SECOND + i * SECOND // 100
+        outcomes += pairing.add_joints(JointSample(stamp, np.full(6, 0.4 + off)))
+        outcomes += pairing.add_reading(Reading(stamp, np.zeros(3), (1, 1, 1)))
+    (refused,) = outcomes
+    assert refused.reason is Reason.NO_CONTACT
+    assert np.abs(refused.joints - 0.4).max() < 5e-4
+
+
 def test_styli_that_swing_refuse():
     joints, readings = streams(1)
     swinging = [
