@@ -17,13 +17,13 @@ from calib_model.pairing import JointSample, Reading, Status
 from calib_model.stamps import SECOND
 
 ROWS = 40  # readings in contact that tell of signs
-SLOWEST = 0.025  # s between messages: small motions hide between slower ones
+SLOWEST = 0.025  # s between joint states: small motions hide between slower ones
 BEFORE = 1.5  # s of joint states before a contact: clocks may be apart
 ALIKE = 3  # explanations as good as the best, up to which it is one
 LATE = 0.01  # s between the clocks that is said
 WITHIN, STOOD = 2e-3, 0.05  # rad, s: the arm stands in a planned pose
 TOUCHING = 40  # readings in contact at rest that tell their noise
-RESTED, HARDLY = 0.05, 3e-4  # s, and rad in that time that is next to rest
+RESTED, HARDLY = 0.05, 3e-3  # s, and rad in that time that readings show next to nothing of
 EMPTY = 2  # poses without a touch
 UNTOUCHED = (
     f'no stylus touched anything at the first {EMPTY} poses: is the gauge where it is said to be, '
@@ -111,7 +111,7 @@ class FirstContacts:
             heard.joint_times[first:],
             heard.reading_times[begin:end],
         )
-        if _slow(alone.joints) or _slow(alone.readings):
+        if _slow(alone.joints):
             return ''
         contact = in_step(self._arm, self._probe, self._gauge, alone)
         if contact is None or len(contact.joints) < ROWS:
@@ -127,7 +127,7 @@ class FirstContacts:
         return clock_apart(told.found) if fits(told.found) else ''
 
 
-def _slow(messages: list[JointSample] | list[Reading]) -> bool:
+def _slow(messages: list[JointSample]) -> bool:
     stamps = np.array([each.stamp for each in messages], dtype=np.int64)
     return len(stamps) < FEWEST or bool(np.median(np.diff(stamps)) > SLOWEST * SECOND)
 

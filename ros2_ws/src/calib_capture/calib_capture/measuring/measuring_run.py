@@ -30,7 +30,7 @@ class MeasuringRun:
     One gauge that is carried stands `at` a location to begin with, at the program's first where
     none is given. All of a location is done, its spares too, then the arm goes out of the way, and
     `awaits` says where the gauge is to be carried, until it was `carried`. `turns` gives (n,)
-    rad by which the joints turn at the first pose and back, once it was held.
+    rad by which the joints turn at the first two poses and back, once these were held.
     """
 
     def __init__(

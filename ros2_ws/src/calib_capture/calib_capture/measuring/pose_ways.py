@@ -15,20 +15,21 @@ from calib_model.instruments import Arm
 
 Turns = Callable[[PlannedPose], Array]
 NO_FREE_WAY = 'no free way'
+TURNED = 2  # poses: at the first there may be no contact, or messages may be lost
 STEP_ASIDE = 0.01  # rad of the last joint: enough for a new stop, little for the probe
 
 
 class PoseWays:
     """Leads the arm as the program says, or by what is found anew where the arm is not where the
     program has it. Remembers at which poses the arm may be, to leave their spheres by the approach.
-    At the first pose it turns each joint by `turns` (n,) of it and back, if any.
+    At the first poses it turns each joint by `turns` (n,) of them and back, if any.
     """
 
     def __init__(
         self, arm: Arm, program: Program, settings: RunSettings, turns: Turns | None = None
     ) -> None:
         self._arm, self._settings, self._turns = arm, settings, turns
-        self._limits = settings.limits(arm)
+        self._limits, self._turned = settings.limits(arm), 0
         self._visited: list[PlannedPose] = []  # since where the last command began
         self.plan_anew(program)
 
@@ -61,9 +62,9 @@ class PoseWays:
         if between is None:
             return False
         visit(leg, pose, between, self._settings.approach_speed, self._settings.hold)
-        if self._turns is not None:  # once
+        if self._turns is not None and self._turned < TURNED:
             leg.turn(self._turns(pose))
-            self._turns = None
+            self._turned += 1
         self._visited.append(pose)
         return True
 

@@ -68,7 +68,7 @@ class Opening:
         )
 
     def _turns(self) -> Callable[[PlannedPose], Array] | None:
-        """Small motions at the first pose, for the check to tell signs and clocks by."""
+        """Small motions at the first poses, for the check to tell signs and clocks by."""
         probe, diameter = self.probe, self.gauge.sphere_diameter
         if not (self.asked.check and isinstance(probe, ActiveProbe)):
             return None
