@@ -120,9 +120,12 @@ def run_command(work: Callable[[], int | None]) -> int:
     little memory; Ctrl-C, SIGTERM and
     SIGHUP give 130; a reader that has gone away (`| head`) ends it quietly.
     """
-    told = _end_as_by_ctrl_c()
+    told: list[int] = []
     try:
-        return _done(work)
+        _end_as_by_ctrl_c(told)
+        code = _done(work)
+        _mind_no_more(told)  # what comes until then has interrupted
+        return code
     except KeyboardInterrupt:
         return INTERRUPTED
     except Exception:
@@ -131,10 +134,7 @@ def run_command(work: Callable[[], int | None]) -> int:
             return INTERRUPTED
         raise
     finally:
-        if told:
-            signal.setitimer(signal.ITIMER_REAL, 0.0)
-        if begun():  # what is left is the interpreter's end, which undoes handlers but not this
-            handle(signal.SIG_IGN)
+        _mind_no_more(told)
 
 
 def _done(work: Callable[[], int | None]) -> int:
@@ -169,14 +169,22 @@ def _done(work: Callable[[], int | None]) -> int:
     return code or 0
 
 
-def _end_as_by_ctrl_c() -> list[int]:
+def _mind_no_more(told: list[int]) -> None:
+    """What is left is the interpreter's end, which undoes handlers but not what is ignored;
+    `told` is what came of them."""
+    if told:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+    if begun():
+        handle(signal.SIG_IGN)
+
+
+def _end_as_by_ctrl_c(told: list[int]) -> None:
     """Let the signals that ask to end, where nobody has other plans with them, unwind what is under
     way; what does not come to an end by that, as a library that swallows it, is ended soon after.
-    The one that came is in what is returned.
+    The one that came is added to `told`.
     """
-    told: list[int] = []
     if current_thread() is not main_thread():
-        return told  # a test's: signals are the main thread's
+        return  # a test's: signals are the main thread's
 
     def end(number: int, frame: object) -> None:
         # what is torn down then is torn down once
@@ -189,11 +197,10 @@ def _end_as_by_ctrl_c() -> list[int]:
 
     if begun():
         handle(end)
-        return told
+        return
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is signal.SIG_DFL:
             signal.signal(number, end)
-    return told
 
 
 def _interrupt_again_where_ignored() -> None:

@@ -27,6 +27,27 @@ def test_ctrl_c_is_130_and_a_bug_is_not_hidden() -> None:
         raising(ZeroDivisionError())
 
 
+@pytest.mark.parametrize(
+    ('number', 'begin'), [('SIGINT', True), ('SIGTERM', True), ('SIGTERM', False)]
+)
+def test_a_signal_while_handlers_are_set_ends_with_130(number: str, begin: bool) -> None:
+    """Python looks for signals in each `signal.signal`; with `begin` as a program of ours."""
+    code = f"""
+import os, signal, sys
+from calib_model import command_line, starting
+usual = signal.signal
+def then_it_comes(one, handler):
+    usual(one, handler)
+    if one == signal.{number} and callable(handler):
+        os.kill(os.getpid(), one)
+signal.signal = then_it_comes
+starting._begun |= {{'calib_model'}} if {begin} else set()
+sys.exit(command_line.run_command(lambda: print('never')))
+"""
+    ran = subprocess.run([sys.executable, '-c', code], capture_output=True, timeout=30, check=False)
+    assert (ran.returncode, ran.stdout, ran.stderr) == (130, b'', b'')
+
+
 def test_an_interrupt_that_became_another_exception_on_its_way_is_130() -> None:
     """As up to Python 3.11 of a class that is being made while the signal comes."""
     code = """

@@ -89,7 +89,8 @@ class BagWriter:
         self._latest[definition.topic] = self._channels[definition.channel]
 
     def add(self, topic: str, data: bytes, log_time: int, publish_time: int) -> None:
-        """Add one message to a topic that was defined."""
+        """Add one message to a topic that was defined; a bag knows no time before 1970, ns 0."""
+        log_time, publish_time = max(log_time, 0), max(publish_time, 0)
         count = self._account.counts.get(topic, 0)
         with self._disk:
             self._writer.add_message(self._latest[topic], log_time, data, publish_time, count)

@@ -41,6 +41,12 @@ def test_a_measurement_comes_back_bit_for_bit(measured: Measurement, tmp_path: P
     assert_same(read_measurement(tmp_path / 'bag'), measured)
 
 
+def test_stamps_from_before_1970_come_back_too(measured: Measurement, tmp_path: Path) -> None:
+    early = replace(measured.poses, stamp=measured.poses.stamp - measured.poses.stamp[0] - 7)
+    write_measurement(tmp_path / 'bag', replace(measured, poses=early))
+    assert_same(read_measurement(tmp_path / 'bag'), replace(measured, poses=early))
+
+
 def test_a_description_given_takes_the_place_of_the_bags(
     measured: Measurement, tmp_path: Path
 ) -> None:
