@@ -205,17 +205,27 @@ def _end_as_by_ctrl_c(told: list[int]) -> None:
 
 def _interrupt_again_where_ignored() -> None:
     """What an interrupt raises in a callback, as those of Python's import locks, is told and
-    ignored: then it comes again a moment later."""
-    usual = sys.unraisablehook
+    ignored, and so it is where a library in C prints what its own imports met: then it comes again
+    a moment later."""
+    unraisable, uncaught = sys.unraisablehook, sys.excepthook
 
-    def hook(ignored: Any) -> None:
-        if isinstance(ignored.exc_value, KeyboardInterrupt):
-            signal.signal(signal.SIGALRM, lambda *_: interrupt())
-            signal.setitimer(signal.ITIMER_REAL, AGAIN)
+    def again() -> None:
+        signal.signal(signal.SIGALRM, lambda *_: interrupt())
+        signal.setitimer(signal.ITIMER_REAL, AGAIN)
+
+    def ignored(what: Any) -> None:
+        if isinstance(what.exc_value, KeyboardInterrupt):
+            again()
         else:
-            usual(ignored)
+            unraisable(what)
 
-    sys.unraisablehook = hook
+    def printed(kind: type[BaseException], value: BaseException, trace: Any) -> None:
+        if issubclass(kind, KeyboardInterrupt):
+            again()
+        else:
+            uncaught(kind, value, trace)
+
+    sys.unraisablehook, sys.excepthook = ignored, printed
 
 
 def _refused(error: CalibrationError) -> int:

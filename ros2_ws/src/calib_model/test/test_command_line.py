@@ -82,6 +82,21 @@ sys.exit(run_command(work))
     assert (ran.returncode, ran.stdout, ran.stderr) == (130, b'', b'')
 
 
+def test_an_interrupt_that_a_library_prints_comes_again() -> None:
+    """As C does that imports by itself, and prints what comes of it."""
+    code = """
+import ctypes, sys, time
+from calib_model.command_line import run_command
+def work():
+    ctypes.pythonapi.PyRun_SimpleString(b'import os; os.kill(os.getpid(), 15); print(end="")')
+    time.sleep(20)
+    print('never')
+sys.exit(run_command(work))
+"""
+    ran = subprocess.run([sys.executable, '-c', code], capture_output=True, timeout=15, check=False)
+    assert (ran.returncode, ran.stdout, ran.stderr) == (130, b'', b'')
+
+
 def test_the_work_decides_the_code_otherwise() -> None:
     assert run_command(lambda: None) == 0
     assert run_command(lambda: 3) == 3
