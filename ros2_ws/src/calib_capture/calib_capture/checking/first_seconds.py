@@ -167,11 +167,11 @@ class FirstSeconds:
             slowest = min(float(np.median(steps)) / SECOND, float(np.median(np.diff(times))))
             if slowest > 1 / SLOW:
                 return f'{name} come at {1 / slowest:.2g} Hz: 100 Hz or more are asked for'
-        if len(heard.joints) < ROWS or len(heard.readings) < ROWS:
-            return ''
+        if len(heard.joints) < ROWS or len(heard.readings) < ROWS or self._pace() >= REAL:
+            return ''  # in haste a moment on the way is long by the stamps
         late = nearest_arrival(heard)
         low, high = np.percentile(arrivals(heard), [10, 90])
-        if abs(late) < APART * max(self._pace(), 1.0) or high - low > STEADY * abs(late):
+        if abs(late) < APART or high - low > STEADY * abs(late):
             return ''  # what is held up on a busy computer comes now sooner, now later
         side = 'before' if late > 0 else 'after'
         return (
