@@ -14,7 +14,7 @@ import numpy as np
 import zstandard
 from mcap.writer import CompressionType, Writer
 
-from calib_model.bags import MAGIC, BagWriter, cdr, read_messages, write_descriptions
+from calib_model.bags import MAGIC, BagWriter, cdr, pose_message, read_messages, write_descriptions
 from calib_model.descriptions import arm_yaml
 from calib_model.measurement import Measurement
 from calib_model.topics import (
@@ -33,18 +33,7 @@ TOPICS = (*DESCRIPTIONS, CAPTURE_POSES)
 
 def pose_bytes(measured: Measurement, row: int) -> bytes:
     """The CDR bytes of a pose."""
-    poses = measured.poses
-    return cdr.encode(
-        cdr.probing_pose(
-            int(poses.stamp[row]),
-            'base_link',
-            int(poses.location[row]),
-            int(poses.sphere[row]),
-            poses.joints[row],
-            poses.displacement[row],
-            int(poses.readings[row]),
-        )
-    )
+    return cdr.encode(pose_message(measured, row))
 
 
 def bytes_of(measured: Measurement, path: Path) -> bytes:

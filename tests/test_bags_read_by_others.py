@@ -15,6 +15,7 @@ from calib_model.bags import (
     BagWriter,
     FileAccount,
     cdr,
+    pose_message,
     read_measurement,
     read_messages,
     write_descriptions,
@@ -234,16 +235,7 @@ def test_a_bag_split_into_files_is_read_in_their_order(
         with BagWriter(folder, earlier=accounts) as writer:
             write_descriptions(writer, measured.arm, measured.probe, measured.gauge, START)
             for i in part:
-                pose = cdr.probing_pose(
-                    int(poses.stamp[i]),
-                    'base_link',
-                    int(poses.location[i]),
-                    int(poses.sphere[i]),
-                    poses.joints[i],
-                    poses.displacement[i],
-                    int(poses.readings[i]),
-                )
-                writer.write_message(CAPTURE_POSES, pose, int(poses.stamp[i]))
+                writer.write_message(CAPTURE_POSES, pose_message(measured, i), int(poses.stamp[i]))
             writer.flush()
             accounts.append(writer.close())
     assert len(list(folder.glob('*.mcap'))) == 3

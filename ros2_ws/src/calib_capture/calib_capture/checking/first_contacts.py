@@ -93,8 +93,10 @@ class FirstContacts:
             self._pose, self._since, self._came = pose, sample.stamp, len(heard.readings)
             self._answered = pose is None
             return False
+        if self._answered or sample.stamp - self._since < STOOD * SECOND:
+            return False
         readings = heard.readings[self._came :]
-        if self._answered or sample.stamp - self._since < STOOD * SECOND or len(readings) < 3:
+        if len(readings) < 3:
             return False
         self._answered, nothing = True, Status.NO_CONTACT.value
         self._touched = any(each != nothing for reading in readings for each in reading.status)

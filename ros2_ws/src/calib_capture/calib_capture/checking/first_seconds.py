@@ -11,9 +11,9 @@ import numpy as np
 
 from calib_capture.checking.contacts import contact_of
 from calib_capture.checking.finding import WRONG
-from calib_capture.checking.first_contacts import LATE, ROWS, FirstContacts, clock_apart
+from calib_capture.checking.first_contacts import ROWS, FirstContacts, clock_apart
 from calib_capture.checking.hypotheses import AS_DESCRIBED, Contact, Explained, explained
-from calib_capture.checking.signs import CLEARLY, SURELY, fits, told_by
+from calib_capture.checking.signs import CLEARLY, fits, told_by
 from calib_capture.checking.streams import SLOW, Heard, arrivals, nearest_arrival
 from calib_capture.checking.units import joint_units
 from calib_model.arrays import Array
@@ -193,7 +193,7 @@ class FirstSeconds:
         plain = self._explained(contact)
         if plain.cost > plain.rows:  # there may be better
             shifted = contact_of(self._heard, plain.late)
-            if _apart(plain) and shifted is not None:
+            if clock_apart(plain) and shifted is not None:
                 again = self._explained(shifted)
                 if again.cost / again.rows * CLEARLY < plain.cost / plain.rows:
                     return clock_apart(again)
@@ -214,7 +214,3 @@ class FirstSeconds:
         apart = np.linalg.norm(p_base[:, None] - self._places[None], axis=2)
         nearest = np.argmin(np.where(np.isnan(apart), np.inf, apart), axis=1)
         return replace(contact, sphere=nearest.astype(np.int64))
-
-
-def _apart(plain: Explained) -> bool:
-    return abs(plain.late) > max(LATE, SURELY * plain.late_uncertainty)

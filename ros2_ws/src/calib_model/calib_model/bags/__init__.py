@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         read_poses as read_poses,
     )
     from calib_model.bags.measurement_writer import (
+        pose_message as pose_message,
         write_descriptions as write_descriptions,
         write_measurement as write_measurement,
         write_points as write_points,

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from calib_model.bags import cdr
 from calib_model.bags.writer import BagWriter
@@ -42,17 +43,21 @@ def write_measurement(
             bag.note(name, content)
         write_descriptions(bag, measured.arm, measured.probe, measured.gauge, start)
         for i in paced(range(len(poses)), progress, f'writing {path}', 'poses', 256):
-            stamp = int(poses.stamp[i])
-            pose = cdr.probing_pose(
-                stamp,
-                measured.arm.base_frame,
-                int(poses.location[i]),
-                int(poses.sphere[i]),
-                poses.joints[i],
-                poses.displacement[i],
-                int(poses.readings[i]),
-            )
-            bag.write_message(CAPTURE_POSES, pose, stamp)
+            bag.write_message(CAPTURE_POSES, pose_message(measured, i), int(poses.stamp[i]))
+
+
+def pose_message(measured: Measurement, row: int) -> Any:
+    """The pose in a row of a measurement as /capture/poses has it."""
+    poses = measured.poses
+    return cdr.probing_pose(
+        int(poses.stamp[row]),
+        measured.arm.base_frame,
+        int(poses.location[row]),
+        int(poses.sphere[row]),
+        poses.joints[row],
+        poses.displacement[row],
+        int(poses.readings[row]),
+    )
 
 
 def write_points(

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calib_model.bags import cdr
 from calib_model.bags.measurement import read_measurement
-from calib_model.bags.measurement_writer import write_descriptions
+from calib_model.bags.measurement_writer import pose_message, write_descriptions
 from calib_model.bags.reader import read_messages
 from calib_model.bags.record_reader import MAGIC
 from calib_model.bags.writer import BagWriter
@@ -28,16 +27,7 @@ def bag(measured: Measurement, tmp_path_factory: pytest.TempPathFactory) -> byte
         write_descriptions(writer, measured.arm, measured.probe, measured.gauge, 1)
         writer.flush()
         for i in range(len(poses)):
-            pose = cdr.probing_pose(
-                int(poses.stamp[i]),
-                'base_link',
-                int(poses.location[i]),
-                int(poses.sphere[i]),
-                poses.joints[i],
-                poses.displacement[i],
-                int(poses.readings[i]),
-            )
-            writer.write_message(CAPTURE_POSES, pose, int(poses.stamp[i]))
+            writer.write_message(CAPTURE_POSES, pose_message(measured, i), int(poses.stamp[i]))
             writer.flush()
     return (path / 'bag_0.mcap').read_bytes()
 

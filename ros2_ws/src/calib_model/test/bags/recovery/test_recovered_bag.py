@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from calib_model.bags import cdr
-from calib_model.bags.measurement_writer import write_descriptions
+from calib_model.bags.measurement_writer import pose_message, write_descriptions
 from calib_model.bags.reader import BagMessage, read_messages
 from calib_model.bags.recovery import recover, repair
 from calib_model.bags.writer import BagWriter
@@ -28,16 +28,7 @@ def whole(measured: Measurement, tmp_path_factory: pytest.TempPathFactory) -> Pa
         write_descriptions(writer, measured.arm, measured.probe, measured.gauge, 1)
         writer.flush()
         for i in range(len(poses)):
-            pose = cdr.probing_pose(
-                int(poses.stamp[i]),
-                'base_link',
-                int(poses.location[i]),
-                int(poses.sphere[i]),
-                poses.joints[i],
-                poses.displacement[i],
-                int(poses.readings[i]),
-            )
-            writer.write_message(CAPTURE_POSES, pose, int(poses.stamp[i]))
+            writer.write_message(CAPTURE_POSES, pose_message(measured, i), int(poses.stamp[i]))
             writer.flush()
     return path
 
