@@ -32,6 +32,8 @@ if TYPE_CHECKING:
         seat_displacement as seat_displacement,
     )
     from calib_model.instruments.posture_noise import (
+        InTurn as InTurn,
+        Normal as Normal,
         PostureNoise as PostureNoise,
     )
     from calib_model.instruments.probe import (

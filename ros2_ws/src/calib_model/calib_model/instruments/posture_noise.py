@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Protocol
 from zlib import crc32
 
 import numpy as np
@@ -29,3 +31,23 @@ class PostureNoise:
         visit = int(self._visits[place % PLACES])
         self._visits[place % PLACES] += 1
         return np.random.default_rng([self._seed, place, visit])
+
+
+class Normal(Protocol):
+    """What noise is drawn from: a generator of numpy, or several in turn."""
+
+    def standard_normal(self, size: tuple[int, ...], /) -> Array:
+        """Standard normal numbers of that shape."""
+
+
+class InTurn:
+    """So many rows from each generator, one after the other: as if each had been asked alone."""
+
+    def __init__(self, draws: Sequence[tuple[np.random.Generator, int]]) -> None:
+        self._draws = draws
+
+    def standard_normal(self, size: tuple[int, ...], /) -> Array:
+        """Standard normal numbers of shape `size`, whose first is the number of all rows."""
+        return np.concatenate(
+            [each.standard_normal((rows, *size[1:])) for each, rows in self._draws]
+        )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib_model.arrays import Array, frozen
+from calib_model.instruments import Normal
 
 ELEMENTARY_CHARGE = 1.602176634e-19  # C
 #: waves of the linearity error along the strip; shorter ones are smeared out by the light spot
@@ -67,9 +68,7 @@ class Psds:
             frozen(phase),
         )
 
-    def read(
-        self, displacement: Array, generator: np.random.Generator
-    ) -> tuple[Array, NDArray[np.bool_]]:
+    def read(self, displacement: Array, generator: Normal) -> tuple[Array, NDArray[np.bool_]]:
         """What the firmware makes of true displacements (N, S), m, and where the signal is weak."""
         return decode(self.design, self.photocurrents(displacement, generator))
 
@@ -81,7 +80,7 @@ class Psds:
         error: Array = np.einsum('nsw,sw->ns', np.sin(turns + self.phase), self.amplitude)
         return error
 
-    def photocurrents(self, displacement: Array, generator: np.random.Generator) -> Array:
+    def photocurrents(self, displacement: Array, generator: Normal) -> Array:
         """The digitised currents (N, S, 2) of both electrodes, A, at displacements (N, S), m."""
         design = self.design
         half = design.length / 2

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from calib_model.arrays import Array
 from calib_model.errors import DataError
-from calib_model.instruments import PostureNoise
+from calib_model.instruments import InTurn, PostureNoise
 from calib_model.measurement import ProbingSet
 from calib_model.stamps import SECOND
-from selfcenter_probe.sensing import Contact, Status
+from selfcenter_probe.sensing import Status
 from selfcenter_probe.simulation.world import World
 
 #: rad (m of a rail) by which encoders scatter at most while the arm stands
@@ -66,7 +66,6 @@ class ProbeSimulation:
         self._stood: Array | None = None
         self._stamp: int | None = None
         self._joints = np.zeros(world.arm.n)
-        self._rest: tuple[Array, Contact] | None = None
 
     def pace(self, rate: float, max_gap: float) -> None:
         """Read so often from now on.
@@ -90,7 +89,8 @@ class ProbeSimulation:
         """
         joints = self._world.arm.check_joints(joints)
         at: list[int] = []
-        read: list[Contact] = []
+        seen_at: list[Array] = []
+        draws: list[tuple[np.random.Generator, int]] = []
         for stamp, q in zip(stamps, joints, strict=True):
             if self._stamp is not None and -self._max_gap <= stamp - self._stamp <= 0:
                 continue
@@ -99,15 +99,14 @@ class ProbeSimulation:
             due = self._due(stamp)
             if len(due):
                 at.extend(due)
-                read.append(self._read(self._between(due, stamp, true_joints)))
+                seen_at.append(self._between(due, stamp, true_joints))
+                draws.append((self._of_psds, len(due)))
             self._stamp, self._joints = stamp, true_joints
         if not at:
             return Readings(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
-        return Readings(
-            np.array(at, dtype=np.int64),
-            np.concatenate([each.displacement for each in read]),
-            np.concatenate([each.status for each in read]),
-        )
+        contact = self._world.contact(self._world.sight(np.concatenate(seen_at)).p_probe_sphere)
+        read = self._world.read(contact, InTurn(draws))
+        return Readings(np.array(at, dtype=np.int64), read.displacement, read.status)
 
     def _travel(self, q: Array) -> None:
         """Draw anew for an arm that has moved; one that stands draws on."""
@@ -134,20 +133,6 @@ class ProbeSimulation:
         # written so that an arm at rest stays exactly where it is
         between: Array = self._joints + share[:, None] * (joints - self._joints)
         return between
-
-    def _read(self, true_joints: Array) -> Contact:
-        """What the probe reports at true joints (K, n); an arm at rest is looked at once."""
-        if (true_joints != true_joints[0]).any():
-            contact = self._world.contact(self._world.sight(true_joints).p_probe_sphere)
-        else:
-            contact = self._at_rest(true_joints[:1]).repeated(len(true_joints))
-        return self._world.read(contact, self._of_psds)
-
-    def _at_rest(self, posture: Array) -> Contact:
-        if self._rest is None or not np.array_equal(posture, self._rest[0]):
-            contact = self._world.contact(self._world.sight(posture).p_probe_sphere)
-            self._rest = (posture, contact)
-        return self._rest[1]
 
 
 def probe_postures(

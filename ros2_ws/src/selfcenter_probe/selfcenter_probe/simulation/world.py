@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib_model.arrays import Array, frozen
-from calib_model.instruments import JOINT_PARAMETERS, STYLI, Arm, Gauge, PassiveProbe, Probe
+from calib_model.instruments import (
+    JOINT_PARAMETERS,
+    STYLI,
+    Arm,
+    Gauge,
+    Normal,
+    PassiveProbe,
+    Probe,
+)
 from calib_model.kinematics import LENGTHS, forward_kinematics
 from calib_model.transforms import RigidTransform, rotation_matrix, rotation_vector
 from selfcenter_probe.sensing import Contact, Psds, Status, seat, touch
@@ -122,7 +130,7 @@ class World:
             return seat(self.probe, p_probe_sphere, self.magnitudes.probe.seat_reach)
         return touch(self.probe, p_probe_sphere, self.sphere_diameter)
 
-    def read(self, contact: Contact, generator: np.random.Generator) -> Contact:
+    def read(self, contact: Contact, generator: Normal) -> Contact:
         """What the probe reports: displacements by way of the PSDs, and where they fail."""
         if isinstance(self.probe, PassiveProbe):
             return contact
