@@ -83,27 +83,34 @@ class LiveCell:
 
     def spin(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
         end, wrongs = self._time + seconds, self.wrongs
-        while self._time < end - 1e-9 and not until():
-            self._time += 1 / wrongs.rate
-            if self._time % 1.0 < wrongs.silence:
+        times = [self._time]
+        while times[-1] < end - 1e-9:
+            times.append(times[-1] + 1 / wrongs.rate)
+        postures = np.array([self._at(time) for time in times])
+        for time, q, true in zip(times[1:], postures[1:], self._touched(postures)[1:], strict=True):
+            if until():
+                break
+            self._time = time
+            if time % 1.0 < wrongs.silence:
                 continue
-            stamp = 0 if wrongs.unstamped else BEGIN + round(self._time * SECOND)
+            stamp = 0 if wrongs.unstamped else BEGIN + round(time * SECOND)
             late = round(self._rng.normal() * wrongs.jitter * SECOND) if wrongs.jitter else 0
-            q = self._at(self._time)
             told = (q + self._rng.normal(size=len(q)) * wrongs.joint_noise) * wrongs.angle
             told = np.round(told / wrongs.step) * wrongs.step if wrongs.step else told
-            self.heard.take(JointSample(stamp + late, told), self._time)
-            self._read(q, stamp)
+            self.heard.take(JointSample(stamp + late, told), time)
+            self._read(true, stamp)
 
-    def _read(self, q: np.ndarray, stamp: int) -> None:
-        wrongs = self.wrongs
-        flange = forward_kinematics(self._true, q[None])[0]
-        p_flange = flange[:3, :3].T @ (self._sphere - flange[:3, 3])
+    def _touched(self, postures: np.ndarray) -> np.ndarray:
+        """Where the styli are at postures (N, n)."""
+        flange = forward_kinematics(self._true, postures)
+        p_flange = np.einsum('nji,nj->ni', flange[:, :3, :3], self._sphere - flange[:, :3, 3])
         mount = self._mounted.flange_T_probe
-        p_probe = mount.rotation.T @ (p_flange - mount.translation)
-        s = self._mounted.displacements(p_probe[None], self.gauge.sphere_diameter)[0]
-        true = s
-        s = s + self._rng.normal(size=3) * wrongs.noise
+        p_probe = (p_flange - mount.translation) @ mount.rotation
+        return self._mounted.displacements(p_probe, self.gauge.sphere_diameter)
+
+    def _read(self, true: np.ndarray, stamp: int) -> None:
+        wrongs = self.wrongs
+        s = true + self._rng.normal(size=3) * wrongs.noise
         if wrongs.stuck is not None:
             s[wrongs.stuck] = 5e-4 + self._rng.normal() * wrongs.noise
         s = (s * wrongs.signs * wrongs.length)[list(wrongs.order)]

@@ -58,15 +58,18 @@ def streams(kr5, probe, gauge, postures, offset, swing=1.2e-2, seed=1):
         phase, begin = rng.uniform(0, 6, 6), 3.0 * number
 
         def at(t, middle=middle, phase=phase, begin=begin):
-            return middle + swing * 0.2 * np.sin(6 * (t - begin) + phase)
+            return middle + swing * 0.2 * np.sin(6 * (t[:, None] - begin) + phase)
 
-        for t in begin + np.arange(0, 1, 1 / 250):
-            noise = rng.normal(0, 5e-6, 6)
-            joints.append(JointSample(stamp(t), at(t) + noise))
-        for t in begin + np.arange(0.0013, 1, 1 / 500):
-            s = touched(true, probe, gauge, at(t), sphere + points_off(true, kr5, probe, middle))
-            displacement = s + rng.normal(0, 2e-6, 3)
-            readings.append(Reading(stamp(t - offset), displacement, (0, 0, 0)))
+        t = begin + np.arange(0, 1, 1 / 250)
+        noisy = at(t) + rng.normal(0, 5e-6, (len(t), 6))
+        joints += map(JointSample, map(stamp, t), noisy)
+        t = begin + np.arange(0.0013, 1, 1 / 500)
+        s = touched(true, probe, gauge, at(t), sphere + points_off(true, kr5, probe, middle))
+        noisy = s + rng.normal(0, 2e-6, s.shape)
+        readings += [
+            Reading(stamp(each - offset), displacement, (0, 0, 0))
+            for each, displacement in zip(t, noisy, strict=True)
+        ]
     return joints, readings
 
 
@@ -77,11 +80,13 @@ def points_off(true, nominal, probe, middle):
 
 
 def touched(arm, probe, gauge, joints, p_base):
+    """Where the styli are at postures (N, n) on a sphere at `p_base` (3,)."""
     frame = np.vstack([np.zeros(3), np.eye(3)])
     p_flange = probe.flange_T_probe.apply(frame)
-    origin, *axes = (points(arm, joints[None], each[None])[0] for each in p_flange)
-    p_probe = np.stack([axis - origin for axis in axes]) @ (p_base - origin)
-    return probe.displacements(p_probe[None], gauge.sphere_diameter)[0]
+    origin, *axes = (points(arm, joints, each[None]) for each in p_flange)
+    axes = np.stack([axis - origin for axis in axes], axis=1)
+    p_probe = np.einsum('nki,ni->nk', axes, p_base - origin)
+    return probe.displacements(p_probe, gauge.sphere_diameter)
 
 
 @pytest.fixture(scope='module')
@@ -108,7 +113,6 @@ def columns(joints, readings):
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize('offset', [0.003, -0.0041, 0.0])
 def test_an_injected_offset_is_found_to_a_fifth_of_a_millisecond(
     offset, kr5, probe, gauge, in_step
@@ -127,7 +131,6 @@ def fed(estimate, joints, readings):
     return estimate
 
 
-@pytest.mark.slow
 def test_what_is_told_while_it_goes_on_is_what_is_told_of_the_whole(kr5, probe, gauge, in_step):
     joints, readings = late(in_step, 0.003)
     estimate = ClockEstimate(kr5, probe, gauge)
@@ -150,7 +153,6 @@ def test_what_is_told_while_it_goes_on_is_what_is_told_of_the_whole(kr5, probe, 
     assert all(each is None or abs(each.seconds - 0.003) < 5e-4 for each in told)
 
 
-@pytest.mark.slow
 def test_readings_of_another_day_tell_nothing_and_are_not_hoarded(kr5, probe, gauge, in_step):
     joints, readings = late(in_step, 86400.0)
     assert estimate_clock_offset(kr5, probe, gauge, [columns(joints, readings)]) is None
@@ -160,7 +162,6 @@ def test_readings_of_another_day_tell_nothing_and_are_not_hoarded(kr5, probe, ga
     assert len(estimate._waiting) <= WAITING
 
 
-@pytest.mark.slow
 def test_an_arm_that_never_moves_in_contact_tells_nothing(kr5, probe, gauge, postures):
     still = streams(kr5, probe, gauge, postures, 0.003, swing=0.0)
     assert estimate_clock_offset(kr5, probe, gauge, [columns(*still)]) is None
