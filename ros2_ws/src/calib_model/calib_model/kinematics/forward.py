@@ -37,8 +37,9 @@ def joint_frames(arm: Arm, q: Array) -> Iterator[JointFrame]:
     """The frames of eq. 2, joint by joint from the base, for postures q (N, n)."""
     for before, z_joint, x, axes, after in _passed_through(arm, q):
         rotation = np.array(axes).transpose(2, 1, 0)
-        origin_joint, z = (np.broadcast_to(each, after.shape).T for each in (before, z_joint))
-        yield JointFrame(origin_joint, z, x.T, rotation, after.T)
+        if before.shape != after.shape:  # the first joint's
+            before, z_joint = (np.broadcast_to(each, after.shape) for each in (before, z_joint))
+        yield JointFrame(before.T, z_joint.T, x.T, rotation, after.T)
 
 
 def _passed_through(

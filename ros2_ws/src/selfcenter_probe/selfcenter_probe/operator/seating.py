@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from calib_model.arrays import Array
 from calib_model.instruments import Arm
 from calib_model.kinematics import joint_frames
+from calib_model.transforms import cross
 
 EXACT = 1e-12  # m
 LARGEST_STEP = 0.5  # rad, of all joints together: Newton from far away overshoots
@@ -42,7 +43,7 @@ def reach(arm: Arm, q: Array, p_flange: Array) -> Reach:
     p_base = last.origin + np.einsum('nij,nj->ni', last.rotation, p_last)
     jacobian = np.empty((*p_base.shape, arm.n))
     for i, frame in enumerate(frames):
-        jacobian[:, :, i] = np.cross(frame.z_joint, p_base - frame.origin_joint)
+        jacobian[:, :, i] = cross(frame.z_joint, p_base - frame.origin_joint)
     rotation = last.rotation @ arm.dh_T_flange.rotation
     return Reach(p_base, jacobian * arm.direction, rotation)
 
