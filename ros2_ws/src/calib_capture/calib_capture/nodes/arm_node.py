@@ -5,9 +5,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from rclpy.node import Node
@@ -18,38 +16,25 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-from calib_capture.default_files import CONFIGURED_BY, FILES, configured, explained
 from calib_capture.motion import (
-    MotionLimits,
     StrictController,
     Trajectory,
     TrajectoryError,
     check_trajectory,
     checked_trajectory,
-    motion_limits,
 )
+from calib_capture.nodes.arm_parameters import read_parameters
 from calib_capture.nodes.messages import joint_state, points_of
 from calib_capture.nodes.trajectory_action import serve_goals
 from calib_capture.recording import read_trajectory_cdr
-from calib_model.arrays import Array, frozen
+from calib_model.arrays import Array
 from calib_model.command_line import run_command
-from calib_model.descriptions import (
-    SIMULATED,
-    Standing,
-    arm_yaml,
-    parse_arm,
-    parse_gauge,
-    parse_probe,
-    standing_yaml,
-)
-from calib_model.errors import ParameterError
-from calib_model.files import shared_file
-from calib_model.instruments import Arm, PostureNoise
-from calib_model.nodes import NodeCommand, Parameters, lean_executor, qos_of, run_node, stamp_of
+from calib_model.descriptions import SIMULATED, Standing, arm_yaml, standing_yaml
+from calib_model.instruments import PostureNoise
+from calib_model.nodes import NodeCommand, lean_executor, qos_of, run_node, stamp_of
 from calib_model.stamps import SECOND
 from calib_model.topics import (
     ARM_DESCRIPTION,
-    CONTROLLER,
     JOINT_STATES,
     ROBOT_DESCRIPTION,
     Topic,
@@ -71,87 +56,8 @@ ros2 run calib_capture arm --ros-args -p time_scale:=5.0
 STEPPED_IDLE = 0.05  # s: in stepped simulation an arm at rest lives in real time, at this beat
 STEPPED_BURST = 40  # states published at once: less than half of what a subscriber keeps
 STEPPED_PAUSE = 0.025  # s between bursts of one motion: what subscribers in Python keep up with
-ACCELERATION, JERK = 10.0, 100.0  # rad/s^2, rad/s^3: what a small industrial arm can do
 SETTLED, READ = 6, 3  # states: for the last of a motion to be over, and to see that it is
-NOISE, STEP = 5e-7, 2 * np.pi / 2**21  # rad: an encoder of 21 bits
-CONTROLLER_TEXT = 'name of the controller: topic and action of the commands are named by it'
-START_TEXT = (
-    'rad (m of a rail) of the joints to begin at; empty: zeros, or, where arm or floor would be '
-    'touched there, a posture that is free'
-)
 STEPPED_PATIENCE = 0.2  # s before an arm counts as at rest, not as waiting for the next goal
-
-
-def _nothing(_: float) -> None:
-    """What a change does to no node."""
-
-
-@dataclass(frozen=True)
-class ArmParameters:
-    """What the arm is told at the start; `rate` is in Hz of the wall clock, `noise` and `step` of
-    the encoders in rad of the joint; it begins at `start` (n,), None: at zero."""
-
-    arm: Arm
-    rate: float
-    time_scale: float
-    limits: MotionLimits
-    noise: float
-    step: float
-    controller: str
-    start: Array | None
-
-
-def read_parameters(
-    node: Any,
-    on_rate: Callable[[float], None] = _nothing,
-    on_scale: Callable[[float], None] = _nothing,
-) -> ArmParameters:
-    """Declare the arm's parameters on `node`, a Node or a Sheet.
-
-    Raises:
-        ParameterError: one of them cannot be used; names it.
-        DescriptionError: the arm cannot be read.
-    """
-    parameters = Parameters(node)
-    path = parameters.text('arm', '', explained('arm'))
-    text = 'joint states per second of the wall clock'
-    rate = parameters.number('rate', 250.0, text, 1.0, 1000.0, on_rate)
-    text = 'how many times faster than real the arm lives, 0: stepped, as fast as can be'
-    scale = parameters.number('time_scale', 1.0, text, 0.0, 1000.0, on_scale)
-    text = 'rad/s^2, limit of the joints for which the description has none'
-    acceleration = parameters.number('acceleration', ACCELERATION, text, 1e-3, 1e6)
-    text = 'rad/s^3, limit of the joints for which the description has none'
-    jerk = parameters.number('jerk', JERK, text, 1e-3, 1e9)
-    text = 'rad, standard deviation of the encoders'
-    noise = parameters.number('noise', NOISE, text, 0.0, 0.1)
-    text = 'rad, step of the encoders, 0: none'
-    step = parameters.number('step', STEP, text, 0.0, 0.1)
-    controller = parameters.text('controller', CONTROLLER, CONTROLLER_TEXT)
-    start = parameters.numbers('start', (), START_TEXT)
-    arm = configured('arm', path, parse_arm)
-    limits = motion_limits(arm, acceleration, jerk)
-    begins = _begins(arm, start) if start or path else None
-    return ArmParameters(arm, rate, scale, limits, noise, step, controller, begins)
-
-
-def _begins(arm: Arm, start: Sequence[float]) -> Array | None:
-    """The posture (n,) to begin at, None for zero."""
-    if start:
-        posture = frozen(start)
-        if len(start) != arm.n or (posture != np.clip(posture, *arm.limits.T)).any():
-            raise ParameterError(
-                f"parameter 'start': expected {arm.n} joint positions within the limits of "
-                f'{arm.name}, got {", ".join(f"{each:g}" for each in start)}'
-            )
-        return posture
-    if shared_file(CONFIGURED_BY, FILES['probe'][0]) is None:
-        return None
-    from calib_capture.program import (
-        posture_to_begin_in,  # loads what plans: not for the shipped arm
-    )
-
-    probe, gauge = configured('probe', '', parse_probe), configured('gauge', '', parse_gauge)
-    return posture_to_begin_in(arm, probe, gauge)
 
 
 class ArmNode(Node):
