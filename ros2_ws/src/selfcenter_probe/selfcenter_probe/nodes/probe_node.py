@@ -12,6 +12,8 @@ from typing import Any, TypeVar
 import numpy as np
 from calib_interfaces.msg import StylusDisplacements
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
@@ -151,6 +153,11 @@ class ProbeNode(Node):
         self._joint_names = arm.joint_names
         self._stamps: list[int] = []
         self._joints: list[Array] = []
+        # due as soon as what waits already has been taken in, on a clock that nobody stops; a task
+        # of the executor would do, but ends the process by a signal when it raises
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._due = self.create_timer(0.0, self._read, clock=clock)
+        self._due.cancel()
         self._latched = [
             self._latch(PROBE_DESCRIPTION, probe_yaml(replace(probe, simulated=True))),
             self._latch(GAUGE_DESCRIPTION, gauge_yaml(gauge)),
@@ -196,10 +203,11 @@ class ProbeNode(Node):
         self._stamps.append(stamp_of(state.header))
         self._joints.append(joints)
         if len(self._stamps) == 1:
-            self.executor.create_task(self._read)
+            self._due.reset()
 
     def _read(self) -> None:
         """Read for all states that came together: for ten it takes as long as for two."""
+        self._due.cancel()
         stamps, joints = self._stamps, self._joints
         self._stamps, self._joints = [], []
         readings = self._simulation.advance(stamps, np.array(joints)).shifted(-self._offset)
