@@ -15,9 +15,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from calib_model.errors import CalibrationError
+from calib_model.starting import LATEST
 
 PR_SET_PDEATHSIG = 1
-PATIENCE = 5.0  # s between asking a process to end and making it
+#: s between asking a process to end and making it: who was told to end has time left to tidy up
+PATIENCE = LATEST - 1.0
 
 
 class ChildError(CalibrationError):

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 import os
 import signal
+import subprocess
+import sys
 import time
 
 import pytest
@@ -10,6 +12,28 @@ from calib_bringup.processes import Child, ChildError, Children, graph_environme
 from calib_model.command_line import UsageError
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(60)]
+
+DEAF = 'import signal, time\nsignal.signal(signal.SIGTERM, signal.SIG_IGN)\ntime.sleep(60)\n'
+ROOM = 'calib_told.commands'
+TOLD = """
+import os, shutil, sys, time
+from pathlib import Path
+from calib_bringup.processes import Child, Children
+from calib_model.command_line import run_command
+
+def work():
+    part = Path('part').absolute()
+    part.mkdir()
+    try:
+        with Children() as children:
+            children.start(Child('deaf', 'deaf', [], dict(os.environ), part / 'deaf.log'))
+            print('started', flush=True)
+            time.sleep(60)
+    finally:
+        shutil.rmtree(part)
+
+sys.exit(run_command(work))
+"""
 
 
 @pytest.fixture
@@ -26,13 +50,31 @@ def module(tmp_path, monkeypatch):
 
 def test_children_end_with_the_block_even_deaf_ones(module, monkeypatch):
     monkeypatch.setattr('calib_bringup.processes.PATIENCE', 0.5)
-    deaf = 'import signal, time\nsignal.signal(signal.SIGTERM, signal.SIG_IGN)\ntime.sleep(60)\n'
     with Children() as children:
         sleeper = children.start(module('sleeper', 'import time; time.sleep(60)'))
-        stubborn = children.start(module('stubborn', deaf))
+        stubborn = children.start(module('stubborn', DEAF))
         time.sleep(0.5)
     assert sleeper.process.returncode == -signal.SIGTERM
     assert stubborn.process.returncode == -signal.SIGKILL
+
+
+def test_a_command_with_a_deaf_child_is_told_to_end_and_tidies_up_first(tmp_path):
+    """Before it is ended for good, wherever it is then."""
+    (tmp_path / 'deaf.py').write_text(DEAF)
+    folder = tmp_path / 'calib_told' / 'commands'
+    folder.mkdir(parents=True)
+    (folder / '__init__.py').write_text(
+        f'from calib_model.starting import begin\nbegin({ROOM!r})\n'
+    )
+    (folder / 'told.py').write_text(TOLD)
+    env = {**os.environ, 'PYTHONPATH': os.pathsep.join([str(tmp_path), *sys.path])}
+    words = [sys.executable, '-m', f'{ROOM}.told']
+    with subprocess.Popen(words, cwd=tmp_path, env=env, stdout=subprocess.PIPE) as told:
+        assert told.stdout.readline() == b'started\n'
+        time.sleep(0.5)
+        told.send_signal(signal.SIGTERM)
+        assert told.wait(10) == 130
+    assert not (tmp_path / 'part').exists()
 
 
 def test_children_end_when_the_block_is_left_by_an_error(module):
