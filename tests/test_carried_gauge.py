@@ -88,7 +88,7 @@ def gap(joints, locations):
     places, gaps = parse_placements(PLACES.read_text()), []
     for location in locations:
         check.put_gauge(places[location], -1)
-        gaps.append(check.gap_outside(joints, seated=False)[0])
+        gaps.append(check.gap_outside(joints, seated=False))
     return min(gaps)
 
 

@@ -20,8 +20,8 @@ def skew(v: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """a x b, row by row, of (N, 3) and (N, 3): numpy's own sorts out shapes and axes first, which
-    takes several times as long for a few hundred."""
+    """a x b, row by row, of (N, 3, ...) and the same: numpy's own sorts out shapes and axes first,
+    which takes several times as long for a few hundred."""
     product = np.empty_like(b)
     product[:, 0] = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
     product[:, 1] = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]

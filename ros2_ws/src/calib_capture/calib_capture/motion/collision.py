@@ -143,18 +143,18 @@ class CollisionCheck:
         """What of arm and probe may not touch what of them, in the order of `gaps_within`."""
         return [(one, other) for one, other in self._kinds if _of_itself(other)]
 
-    def gap_outside(self, q: Array, seated: bool = True) -> Array:
-        """How far (1,), m, arm and probe are from gauge and floor, negative where they overlap;
+    def gap_outside(self, q: Array, seated: bool = True) -> float:
+        """How far, m, arm and probe are from gauge and floor, negative where they overlap;
         `seated`: but for styli and probed sphere."""
         self._seat(seated)
         nearest = self._measure(self._outside, q)
-        return np.array([self._outside.distanceResults[nearest].min_distance])
+        return float(self._outside.distanceResults[nearest].min_distance)
 
-    def gaps_within(self, q: Array) -> Array:
-        """How far (S,), m, the two of each of the `self_pairs` are apart."""
+    def gaps_within(self, q: Array) -> list[float]:
+        """How far, m, the two of each of the `self_pairs` are apart."""
         self._measure(self._within, q)
         results = self._within.distanceResults
-        return np.array([results[pair].min_distance for pair in self._own])
+        return [results[pair].min_distance for pair in self._own]
 
     def _measure(self, data: pinocchio.GeometryData, q: Array) -> int:
         posture = self._arm.configuration(q)

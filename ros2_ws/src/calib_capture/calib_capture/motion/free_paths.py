@@ -24,7 +24,7 @@ FINEST = 1e-3  # m that anything moves in a piece that is not halved, where no c
 
 
 #: how far apart things are in a posture (n,), m: of each pair, or the nearest alone
-Gap = Callable[[Array], Array]
+Gap = Callable[[Array], list[float]]
 
 
 class FreePaths:
@@ -57,24 +57,28 @@ class FreePaths:
             return True
         check, turned = self._check, np.abs(self._arm.uncoupled(goal - start)[0])
         return self._piece_free(
-            lambda q: check.gap_outside(q, seated), start, goal, self.reach[None] @ turned
+            lambda q: [check.gap_outside(q, seated)], start, goal, self.reach[None] @ turned
         ) and self._piece_free(check.gaps_within, start, goal, self._nearing @ turned)
 
     def _piece_free(self, gap: Gap, start: Array, goal: Array, far: Array) -> bool:
         """Whether nothing of what `gap` measures meets, where it comes nearer by at most `far`."""
 
-        def free(piece: tuple[Array, Array], gaps: tuple[Array, Array], far: Array) -> bool:
-            if (far <= np.maximum(gaps[0] + gaps[1], FINEST)).all():
+        def free(
+            start: Array, goal: Array, before: list[float], after: list[float], far: list[float]
+        ) -> bool:
+            gaps = zip(far, before, after, strict=True)
+            if all(nearer <= max(one + other, FINEST) for nearer, one, other in gaps):
                 return True
-            middle = (piece[0] + piece[1]) / 2
+            middle = (start + goal) / 2
             between = gap(middle)
+            half = [each / 2 for each in far]
             return (
-                bool((between >= self._clearance).all())
-                and free((piece[0], middle), (gaps[0], between), far / 2)
-                and free((middle, piece[1]), (between, gaps[1]), far / 2)
+                all(each >= self._clearance for each in between)
+                and free(start, middle, before, between, half)
+                and free(middle, goal, between, after, half)
             )
 
-        return free((start, goal), (gap(start), gap(goal)), far)
+        return free(start, goal, gap(start), gap(goal), far.tolist())
 
     def retraced(self, trail: Array) -> Array:
         """Postures (K, n) from the last of a trail (N, n) that was free back to its first, both
@@ -88,13 +92,13 @@ class FreePaths:
         if self._check is None or self.clear(q):
             return q
         turns = [sign * axis for axis in np.eye(len(q)) for sign in (1.0, -1.0)]
-        gaps = [self._check.gap_outside(q, False)[0]] * len(turns)
+        gaps = [self._check.gap_outside(q, False)] * len(turns)
         for step in range(1, MOST_TURNS + 1):
             for turn in range(len(turns)):
                 there = q + step * TURN * turns[turn]
-                gap = self._check.gap_outside(there, False)[0]
+                gap = self._check.gap_outside(there, False)
                 inside = ((there >= self._lower) & (there <= self._upper)).all()
-                apart = (self._check.gaps_within(there) >= self._clearance).all()
+                apart = min(self._check.gaps_within(there), default=np.inf) >= self._clearance
                 # once nearer or at a limit, a joint is tried no further
                 gaps[turn] = gap if gap > gaps[turn] and inside and apart else np.inf
                 if gaps[turn] < np.inf and self.clear(there):

@@ -10,6 +10,7 @@ from calib_capture.motion.pinocchio_arm import PinocchioArm
 from calib_model.arrays import Array
 from calib_model.instruments import Arm, NDArrayBool
 from calib_model.kinematics import forward_kinematics, joint_frames
+from calib_model.transforms import cross
 
 DAMPING = 1e-9  # keeps the step finite where the Jacobian is singular
 LONGEST_STEP = 0.7  # rad: farther away the Jacobian says little
@@ -102,7 +103,7 @@ def _flange(arm: Arm, q: Array) -> tuple[Array, Array]:
     pose[:, :3, 3] = last.origin + last.rotation @ flange.translation
     axes = np.stack([frame.z_joint for frame in frames], axis=2) * arm.direction
     levers = pose[:, :3, 3, None] - np.stack([frame.origin_joint for frame in frames], axis=2)
-    return pose, np.concatenate([np.cross(axes, levers, axis=1), axes], axis=1)
+    return pose, np.concatenate([cross(axes, levers), axes], axis=1)
 
 
 def _difference(goal: Array, pose: Array) -> Array:

@@ -239,9 +239,7 @@ class Finder:
 
     def gap(self, q: Array) -> float:
         """How far (m) arm and probe are from gauge and floor in posture q (n,)."""
-        return (
-            np.inf if self._collision is None else float(self._collision.gap_outside(q, False)[0])
-        )
+        return np.inf if self._collision is None else self._collision.gap_outside(q, False)
 
     def contact(self, q: Array, seated: bool = True) -> str:
         """What touches in posture q (n,); `seated`: but for styli and probed sphere."""

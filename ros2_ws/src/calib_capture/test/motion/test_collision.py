@@ -333,7 +333,7 @@ def test_gauges_that_stand_elsewhere_are_in_the_way_too(kr5, probe, gauge, bodie
 def standing_touches(check, postures):
     """Whether something touches in each posture (N, n), and the gap to what is outside (N,)."""
     touches = [check.touches(q) for q in postures]
-    return np.array(touches), np.array([check.gap_outside(q)[0] for q in postures])
+    return np.array(touches), np.array([check.gap_outside(q) for q in postures])
 
 
 def test_a_program_among_gauges_that_all_stand_touches_none_of_them(

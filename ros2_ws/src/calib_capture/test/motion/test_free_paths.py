@@ -96,7 +96,7 @@ def test_an_arm_leaves_what_it_touches_by_a_joint_and_never_comes_nearer(
                 assert np.count_nonzero(free - start) == 1
                 along = start + np.linspace(0, 1, 30)[:, None] * (free - start)
                 gaps = smallest_clearance(kr5, bodies, along, place, None)
-                outside = np.array([check.gap_outside(q, False)[0] for q in along])
+                outside = np.array([check.gap_outside(q, False) for q in along])
                 assert gaps[-1] > 0
                 assert (np.diff(outside) > -1e-3).all()
     assert left > 5
