@@ -3,8 +3,9 @@
 
 An arm's description says where its axes are, not how thick its links are. Each of its D-H lengths
 becomes a capsule; where no radii are given they are assumed from the arm's reach, from 6 % of it
-at the base to 3 % at the flange. Real links can be thicker, and beside their axes: give a file of
-sizes before a real arm moves, as `config/bodies/kr5.yaml` of calib_bringup.
+at the base to 3 % at the flange; bodies of the arm that touch in every posture then are passed
+over. Real links can be thicker, and beside their axes: give a file of sizes before a real arm
+moves, as `config/bodies/kr5.yaml` of calib_bringup.
 """
 
 from __future__ import annotations

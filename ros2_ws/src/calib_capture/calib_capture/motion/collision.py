@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import TypeGuard
 
 import coal
 import numpy as np
@@ -18,6 +17,7 @@ from calib_model.instruments import Arm
 from calib_model.transforms import RigidTransform
 
 ANOTHER = 'another gauge'
+POSTURES = 50  # in all of which bodies touch that nothing parts
 
 
 class CollisionCheck:
@@ -45,6 +45,7 @@ class CollisionCheck:
         self._outside, self._within = self._only(others), self._only(self._own)
         self._seats: list[int] = []  # pairs of a stylus and the probed sphere
         self._seated = False
+        self._pass_over_held(arm)
 
     def _add(self, body: Body) -> int:
         length = float(np.linalg.norm(body.end - body.start))
@@ -95,6 +96,22 @@ class CollisionCheck:
                 data.deactivateCollisionPair(pair)
         return data
 
+    def _pass_over_held(self, arm: Arm) -> None:
+        """Look no more at bodies of the arm that touch whatever the joints do: they are what a
+        short wrist is drawn as, and no posture would be free."""
+        generator, clearance = np.random.default_rng(0), self._bodies.settings.clearance
+        held = list(range(len(self._own)))
+        lower, upper = arm.ranges.T
+        for q in generator.uniform(lower, upper, (POSTURES, arm.n)):
+            if not held:
+                return
+            gaps = self.gaps_within(q)
+            held = [row for row in held if gaps[row] < clearance]
+        for pair in (self._own[row] for row in held):
+            self._data.deactivateCollisionPair(pair)
+        self._own = [pair for row, pair in enumerate(self._own) if row not in held]
+        self._within = self._only(self._own)
+
     def put_gauge(self, T_base_gauge: RigidTransform, probed: int) -> None:
         """Put the gauge in its place; the styli may touch sphere `probed` and no other."""
         place = pinocchio.SE3(T_base_gauge.matrix())
@@ -141,7 +158,8 @@ class CollisionCheck:
     @property
     def self_pairs(self) -> list[tuple[Body, Body]]:
         """What of arm and probe may not touch what of them, in the order of `gaps_within`."""
-        return [(one, other) for one, other in self._kinds if _of_itself(other)]
+        kinds = (self._kinds[pair] for pair in self._own)
+        return [(one, other) for one, other in kinds if other is not None]
 
     def gap_outside(self, q: Array, seated: bool = True) -> float:
         """How far, m, arm and probe are from gauge and floor, negative where they overlap;
@@ -175,7 +193,7 @@ class CollisionCheck:
         return 'contact'
 
 
-def _of_itself(other: Body | None) -> TypeGuard[Body]:
+def _of_itself(other: Body | None) -> bool:
     """Whether it is the arm's or the probe's, not the floor or the gauge."""
     return other is not None and other.frame != WORLD
 

@@ -69,6 +69,22 @@ def test_bodies_are_where_the_arm_s_frames_are(kr5, probe, bodies):
     assert np.abs(moving[:, names.index('stylus 2'), 0] - tip).max() < 1e-12
 
 
+def test_however_short_the_wrist_some_postures_are_free(kr5, probe, gauge):
+    """Bodies drawn so thick that they always touch are held together by their joints."""
+    settings, postures = BodySettings(floor=None), anywhere(kr5, np.random.default_rng(2), 200)
+    for wrist in np.arange(0.03, 0.12, 0.0007):
+        geometry = kr5.geometry.copy()
+        geometry[2, 5] = wrist
+        arm = kr5.with_geometry(geometry)
+        check = CollisionCheck(arm, bodies_of(arm, probe, gauge, settings))
+        check.put_gauge(RigidTransform([5.0, 0.0, 0.0]), -1)
+        free = [not check.touches(q) for q in postures]
+        assert 0.3 < np.mean(free) < 1.0, wrist  # and it is not that nothing touches any more
+        near = np.array([min(check.gaps_within(q)) for q in postures])
+        assert ((near >= settings.clearance) == free).all()
+        assert len(check.self_pairs) == len(check.gaps_within(postures[0]))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('which', ['kr5', 'iiwa14'])
 def test_contact_is_told_as_another_way_of_measuring_tells_it(which, probe, gauge, request):
