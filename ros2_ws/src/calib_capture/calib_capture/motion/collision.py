@@ -40,9 +40,9 @@ class CollisionCheck:
         self._data = pinocchio.GeometryData(self._geometry)
         for request in self._data.collisionRequests:
             request.security_margin = bodies.settings.clearance
-        self._own = [row for row, (_, other) in enumerate(self._kinds) if _of_itself(other)]
-        others = [row for row in range(len(self._kinds)) if row not in self._own]
-        self._outside, self._within = self._only(others), self._only(self._own)
+        own = [row for row, (_, other) in enumerate(self._kinds) if _of_itself(other)]
+        self._outside = self._only([row for row in range(len(self._kinds)) if row not in own])
+        self._look_within(own)
         self._seats: list[int] = []  # pairs of a stylus and the probed sphere
         self._seated = False
         self._pass_over_held(arm)
@@ -109,8 +109,13 @@ class CollisionCheck:
             held = [row for row in held if gaps[row] < clearance]
         for pair in (self._own[row] for row in held):
             self._data.deactivateCollisionPair(pair)
-        self._own = [pair for row, pair in enumerate(self._own) if row not in held]
-        self._within = self._only(self._own)
+        self._look_within([pair for row, pair in enumerate(self._own) if row not in held])
+
+    def _look_within(self, own: list[int]) -> None:
+        """These are the pairs of arm and probe themselves."""
+        self._own, self._within = own, self._only(own)
+        results = self._within.distanceResults
+        self._apart = [results[pair] for pair in own]  # each is written anew by every measurement
 
     def put_gauge(self, T_base_gauge: RigidTransform, probed: int) -> None:
         """Put the gauge in its place; the styli may touch sphere `probed` and no other."""
@@ -171,8 +176,7 @@ class CollisionCheck:
     def gaps_within(self, q: Array) -> list[float]:
         """How far, m, the two of each of the `self_pairs` are apart."""
         self._measure(self._within, q)
-        results = self._within.distanceResults
-        return [results[pair].min_distance for pair in self._own]
+        return [each.min_distance for each in self._apart]
 
     def _measure(self, data: pinocchio.GeometryData, q: Array) -> int:
         posture = self._arm.configuration(q)
