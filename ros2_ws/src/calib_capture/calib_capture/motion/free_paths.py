@@ -66,8 +66,10 @@ class FreePaths:
         def free(
             start: Array, goal: Array, before: list[float], after: list[float], far: list[float]
         ) -> bool:
-            gaps = zip(far, before, after, strict=True)
-            if all(nearer <= max(one + other, FINEST) for nearer, one, other in gaps):
+            for nearer, one, other in zip(far, before, after, strict=True):
+                if nearer > one + other and nearer > FINEST:
+                    break
+            else:
                 return True
             middle = (start + goal) / 2
             between = gap(middle)
