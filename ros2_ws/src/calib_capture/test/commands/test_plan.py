@@ -102,6 +102,7 @@ def test_shapes_show_the_gauge_the_spheres_and_every_pose(program, kr5, probe, g
     assert (outward >= 0.06 * np.cos(np.radians(70)) - 1e-9).all()
 
 
+@pytest.mark.slow
 def test_every_pose_that_was_taken_or_refused_has_a_needle_at_its_sphere(
     program, kr5, probe, gauge, places
 ):

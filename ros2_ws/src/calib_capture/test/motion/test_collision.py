@@ -270,6 +270,7 @@ def test_an_approach_is_straight_along_the_probe_s_axis(kr5, probe, gauge, place
         assert np.abs(way[:, :3, :3] - end[:3, :3]).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_postures_near_a_singularity_are_not_planned(kr5, probe, gauge, placements):
     near = replace(ProgramSettings(), poses_per_sphere=60, bodies=None, singular_margin=0.05)
     program = Planner(kr5, probe, gauge, near).program(placements, [1])
@@ -352,6 +353,7 @@ def standing_touches(check, postures):
     return np.array(touches), np.array([check.gap_outside(q) for q in postures])
 
 
+@pytest.mark.slow
 def test_a_program_among_gauges_that_all_stand_touches_none_of_them(
     kr5, probe, gauge, placements, bodies
 ):

@@ -59,6 +59,7 @@ def test_what_is_in_the_way_everywhere_is_named(kr5, probe):
         Placer(Planner(kr5, probe, bar(1.0), SETTINGS)).place(2)
 
 
+@pytest.mark.slow
 def test_the_command_writes_what_plan_reads(tmp_path, capsys, monkeypatch, kr5):
     arm, out, small = (tmp_path / name for name in ('arm.yaml', 'places.yaml', 'bar.yaml'))
     arm.write_text(arm_yaml(replace(kr5, name='mine')))

@@ -198,6 +198,7 @@ def test_everything_is_visited_once_the_nearer_turn_of_it_first():
     assert order(-2.0) == [(0, 1), (2, 0), (1, 0)]
 
 
+@pytest.mark.slow
 def test_a_pose_with_no_free_way_is_left_out_and_told(kr5, probe, gauge, placements, monkeypatch):
     settings = replace(SETTINGS, poses_per_sphere=4, pool=1)
     whole = Planner(kr5, probe, gauge, settings).program(placements, [1])

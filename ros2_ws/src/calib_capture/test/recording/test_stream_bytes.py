@@ -25,6 +25,7 @@ def test_a_reading_is_what_the_message_says(stamp, frame, values, little):
     assert np.array_equal(found.displacement, values, equal_nan=True)
 
 
+@pytest.mark.slow
 @given(st.data())
 def test_joints_are_found_by_name_in_one_message_after_the_other(data):
     wanted = data.draw(st.lists(NAME, min_size=1, max_size=4, unique=True))

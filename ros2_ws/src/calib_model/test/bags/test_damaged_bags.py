@@ -64,6 +64,7 @@ def test_a_bag_cut_anywhere_gives_its_complete_chunks(
     assert set(counts) == set(range(1, 41))
 
 
+@pytest.mark.slow
 def test_no_complete_chunk_is_lost_by_a_cut(bag: bytes, tmp_path: Path) -> None:
     """Cut byte by byte through one chunk and its index: the poses before it all stay."""
     file = tmp_path / 'cut.mcap'

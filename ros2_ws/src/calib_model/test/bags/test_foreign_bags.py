@@ -81,6 +81,7 @@ def folder_with(tmp_path, change):
     return bag
 
 
+@pytest.mark.slow
 def test_metadata_of_many_topics_is_read_in_no_time(tmp_path):
     def many(information, bag):
         row = information['topics_with_message_count'][0]
@@ -196,6 +197,7 @@ def of_chunk(path, content, packed, compression):
     return path
 
 
+@pytest.mark.slow
 def test_messages_beyond_number_in_a_small_file_are_refused_in_no_time(tmp_path):
     """Two million empty ones, on a topic that nobody asked for, pack into some kilobytes."""
     schema = record(3, struct.pack('<H', 1) + text('Note') + text('jsonschema') + text(''))

@@ -77,6 +77,7 @@ def test_every_reading_has_the_joints_at_its_stamp():
         assert np.abs(each.joints - arm_at((each.stamp - T0) / SECOND)).max() < 5e-6
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(
     joint_rate=st.floats(60.0, 500.0),
@@ -105,6 +106,7 @@ def test_messages_permuted_within_the_lateness_give_the_same(seed):
     assert same(fed(HandGuidedPairing(patient), delayed), expected)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     seed=st.integers(0, 2**32 - 1),

@@ -68,6 +68,7 @@ def test_every_stop_gives_one_pose_with_the_joints_at_its_stamp():
         assert np.allclose(pose.displacement, 1e-6 * np.array([t, 2 * t, -t]), atol=1e-14)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     joint_rate=st.floats(60.0, 500.0),
@@ -89,6 +90,7 @@ def ns_of(seconds):
     return round(seconds * SECOND)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_messages_that_come_a_little_late_are_put_in_their_place(seed):

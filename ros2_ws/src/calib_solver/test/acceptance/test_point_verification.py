@@ -62,6 +62,7 @@ def made(tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind', ['new', 'moved'])
 def test_new_points_are_as_good_as_stated(made: Path, kind: str):
     seen = [verify(Sources((str(made / f'{kind}{n}'),)), str(made / 'out')) for n in range(6)]
@@ -70,6 +71,7 @@ def test_new_points_are_as_good_as_stated(made: Path, kind: str):
     assert 0.85 < np.sqrt(np.mean(np.square(ratio))) < 1.15
 
 
+@pytest.mark.slow
 def test_several_targets_whose_rotation_nobody_measured_are_as_good_as_stated(tmp_path: Path):
     """Columns that no point tells must have no part in what is stated."""
     within, ratio = 0, []

@@ -86,6 +86,7 @@ def test_the_report_is_made_anew_with_what_is_known_of_the_tracker(
         assert words in page
 
 
+@pytest.mark.slow
 def test_the_figures_are_drawn(bags, tmp_path: Path) -> None:
     words = [bags['test'], '--quick', '--figures', str(tmp_path / 'drawn')]
     assert identify.main(words) == 0
@@ -111,6 +112,7 @@ def corrected(tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_what_eq_12_corrects_is_in_the_result_and_the_report(corrected: Path) -> None:
     record = json.loads((corrected / 'out' / 'result.json').read_text())
     result_schema.point_result(record, oriented=False)

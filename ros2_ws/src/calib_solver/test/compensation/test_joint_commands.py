@@ -185,6 +185,7 @@ def test_500_targets_are_reached_as_surely_as_the_calibration_says() -> None:
     assert before > 20 * after
 
 
+@pytest.mark.slow
 def test_targets_with_an_orientation_are_reached_from_anywhere_within_the_limits() -> None:
     calibrated = off(limited(kr5()))
     q = np.random.default_rng(6).uniform(-1.5, 1.5, (60, 6))
@@ -240,6 +241,7 @@ def test_limits_are_kept_by_the_joints_that_are_free_to_make_up_for_it() -> None
     assert held > 3
 
 
+@pytest.mark.slow
 def test_what_is_not_reached_is_named_with_its_row() -> None:
     calibrated = off(limited(kr5()))
     far = np.array([[0.4, 0.1, 0.4], [1.4, 0.0, 0.3]])

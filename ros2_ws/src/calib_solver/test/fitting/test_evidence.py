@@ -74,6 +74,7 @@ def zeros_off(seed, degrees, poses):
     return Scene(scene.true.with_geometry(geometry), scene.mount, measured)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(4))
 def test_zeros_that_are_degrees_off_are_found_and_said_to_be_far_off(seed):
     scene = zeros_off(seed, 6.0, 8)

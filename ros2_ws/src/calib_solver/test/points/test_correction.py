@@ -30,6 +30,7 @@ def identified(targets: int, stations: int, oriented: bool, **more) -> PointIden
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('targets', 'stations', 'oriented'), [(1, 1, False), (2, 5, True)])
 def test_what_encoders_do_is_corrected_and_the_targets_stay(
     targets: int, stations: int, oriented: bool

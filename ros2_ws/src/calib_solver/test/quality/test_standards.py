@@ -20,6 +20,7 @@ def enclosing_radius(points):
     return enclosing_radii(points, np.array([len(points)]))[0]
 
 
+@pytest.mark.slow
 @given(SEEDS, st.integers(1, 60))
 def test_no_point_is_outside_the_smallest_sphere_and_it_is_the_smallest(seed, count):
     generator = np.random.default_rng(seed)
@@ -45,6 +46,7 @@ def test_spheres_of_known_size_are_found():
     assert enclosing_radius(corners) == pytest.approx(np.sqrt(3) / 2)
 
 
+@pytest.mark.slow
 @given(SEEDS, st.lists(st.integers(1, 30), min_size=1, max_size=6))
 def test_many_spheres_at_once_are_those_found_one_by_one(seed, counts):
     points = np.random.default_rng(seed).normal(size=(sum(counts), 3))

@@ -100,6 +100,7 @@ def test_forces_and_noise_move_the_sphere_by_what_a_measuring_arm_is_off(hand, t
     assert off.max() < 2e-3
 
 
+@pytest.mark.slow
 def test_a_seat_that_is_pressed_yields_downwards_and_more_than_styli():
     mean = {}
     for kind in PROBES:

@@ -20,6 +20,7 @@ def on_seat(scene):
     return HandForce.on(PassiveProbe('seat', scene.probe.flange_T_probe), WORLD)
 
 
+@pytest.mark.slow
 def test_styli_are_pressed_by_their_springs_alone(scene, on_seat):
     on_styli = HandForce.on(scene.probe, WORLD)
     pressed = on_seat.on_gauge(DIRECTION, ONCE)
