@@ -16,7 +16,7 @@ from calib_model.descriptions import parse_arm, parse_gauge, parse_probe
 from calib_model.errors import ParameterError
 from calib_model.files import shared_file
 from calib_model.instruments import Arm
-from calib_model.nodes import Parameters
+from calib_model.nodes import Parameters, unheard
 from calib_model.topics import CONTROLLER
 
 ACCELERATION, JERK = 10.0, 100.0  # rad/s^2, rad/s^3: what a small industrial arm can do
@@ -26,10 +26,6 @@ START_TEXT = (
     'rad (m of a rail) of the joints to begin at; empty: zeros, or, where arm or floor would be '
     'touched there, a posture that is free'
 )
-
-
-def _nothing(_: float) -> None:
-    """What a change does to no node."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +45,8 @@ class ArmParameters:
 
 def read_parameters(
     node: Any,
-    on_rate: Callable[[float], None] = _nothing,
-    on_scale: Callable[[float], None] = _nothing,
+    on_rate: Callable[[float], None] = unheard,
+    on_scale: Callable[[float], None] = unheard,
 ) -> ArmParameters:
     """Declare the arm's parameters on `node`, a Node or a Sheet.
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from calib_model.nodes.parameters import (
         Parameters as Parameters,
         Proposal as Proposal,
+        unheard as unheard,
         warn_of_unknown as warn_of_unknown,
     )
 else:

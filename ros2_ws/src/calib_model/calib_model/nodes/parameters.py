@@ -24,6 +24,10 @@ OF_ROS = 'qos_overrides.'  # declared by rclpy only where a topic's publisher or
 MOST_NAMED = 8  # of those that are near to nothing: a shared file may have dozens
 
 
+def unheard(_: Any) -> None:
+    """What a change does where only the parameters are asked for, as `--help` does: nothing."""
+
+
 class Parameters:
     """Declares parameters on `node`, a Node or a Sheet, and returns what was given for them.
 

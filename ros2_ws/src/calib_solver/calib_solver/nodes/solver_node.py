@@ -18,7 +18,7 @@ from visualization_msgs.msg import MarkerArray
 from calib_model.command_line import run_command
 from calib_model.errors import CalibrationError
 from calib_model.files import Folders, usual_reading, usual_writing
-from calib_model.nodes import NodeCommand, Parameters, qos_of, run_node
+from calib_model.nodes import NodeCommand, Parameters, qos_of, run_node, unheard
 from calib_model.topics import SOLVER_MARKERS
 from calib_solver import serving
 from calib_solver.nodes import answers, messages
@@ -41,12 +41,8 @@ MAGNIFIED = 'how many times larger than they are residuals are shown on /solver/
 Shown = tuple[str, Sequence[Residuals]]  # frame and residuals
 
 
-def _nothing(_: float) -> None:
-    """What a change does to no node."""
-
-
 def read_parameters(
-    node: Any, on_magnification: Callable[[float], None] = _nothing
+    node: Any, on_magnification: Callable[[float], None] = unheard
 ) -> tuple[float, Opened]:
     """Declare the solver's parameters on `node`, a Node or a Sheet; returns what was given.
 

@@ -40,6 +40,7 @@ from calib_model.nodes import (
     qos_of,
     run_node,
     stamp_of,
+    unheard,
 )
 from calib_model.stamps import SECOND
 from calib_model.topics import (
@@ -85,14 +86,10 @@ class ProbeParameters:
     clock_offset: int  # ns
 
 
-def _nothing(_: float) -> None:
-    """What a change does to no node."""
-
-
 def read_parameters(
     node: Any,
-    on_rate: Callable[[float], None] = _nothing,
-    on_gap: Callable[[float], None] = _nothing,
+    on_rate: Callable[[float], None] = unheard,
+    on_gap: Callable[[float], None] = unheard,
 ) -> ProbeParameters:
     """Declare the probe's parameters on `node`, a Node or a Sheet.
 
