@@ -23,10 +23,10 @@ from calib_model.starting import (
     end_at_the_latest,
     handle,
     interrupt,
+    interrupt_again,
 )
 
 BAD_INPUT = 2
-AGAIN = 1e-3  # s after which an interrupt that was ignored comes again
 #: objects more than were given back, after which Python looks for garbage
 GARBAGE = 100_000
 #: the command that starts all others where there is no ROS; argv[0] is then `calib NAME`
@@ -209,19 +209,15 @@ def _interrupt_again_where_ignored() -> None:
     a moment later."""
     unraisable, uncaught = sys.unraisablehook, sys.excepthook
 
-    def again() -> None:
-        signal.signal(signal.SIGALRM, lambda *_: interrupt())
-        signal.setitimer(signal.ITIMER_REAL, AGAIN)
-
     def ignored(what: Any) -> None:
         if isinstance(what.exc_value, KeyboardInterrupt):
-            again()
+            interrupt_again()
         else:
             unraisable(what)
 
     def printed(kind: type[BaseException], value: BaseException, trace: Any) -> None:
         if issubclass(kind, KeyboardInterrupt):
-            again()
+            interrupt_again()
         else:
             uncaught(kind, value, trace)
 

@@ -16,10 +16,12 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.machinery import ExtensionFileLoader
 from types import FrameType
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 INTERRUPTED = 130
+AGAIN = 1e-3  # s after which an interrupt that came to nothing comes again
 LATEST = 4.0  # s after which a process that was asked to end does, whatever it is at
 
 
@@ -95,10 +97,33 @@ def held_back() -> Iterator[None]:
 
 
 def interrupt() -> None:
-    """Raise KeyboardInterrupt in the main thread, as soon as nothing is held back."""
-    if not _HeldBack.depth:
+    """Raise KeyboardInterrupt in the main thread, as soon as nothing is held back and no extension
+    module is being loaded: written in C++, it may end the process for an exception that meets it
+    there."""
+    if _HeldBack.depth:
+        _HeldBack.waiting = True
+    elif _loads_an_extension(sys._getframe()):
+        interrupt_again()
+    else:
         raise KeyboardInterrupt
-    _HeldBack.waiting = True
+
+
+def interrupt_again() -> None:
+    """Let an interrupt that came to nothing come again, a moment later."""
+    signal.signal(signal.SIGALRM, lambda *_: interrupt())
+    signal.setitimer(signal.ITIMER_REAL, AGAIN)
+
+
+def _loads_an_extension(frame: FrameType | None) -> bool:
+    """Whether a frame is within the loading of an extension module."""
+    while frame is not None:
+        name, values = frame.f_code.co_name, frame.f_locals
+        if name in ('create_module', 'exec_module') and isinstance(
+            values.get('self'), ExtensionFileLoader
+        ):
+            return True
+        frame = frame.f_back
+    return False
 
 
 def end_at_the_latest(code: int) -> None:

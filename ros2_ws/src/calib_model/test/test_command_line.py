@@ -1,4 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
+import signal
 import subprocess
 import sys
 
@@ -95,6 +96,35 @@ sys.exit(run_command(work))
 """
     ran = subprocess.run([sys.executable, '-c', code], capture_output=True, timeout=15, check=False)
     assert (ran.returncode, ran.stdout, ran.stderr) == (130, b'', b'')
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_waits_until_an_extension_module_is_loaded(number: int) -> None:
+    """One that is written in C++ and makes Python's enums as it is loaded."""
+    pytest.importorskip('ruckig')
+    code = f"""
+import enum, os, signal, sys, time
+from calib_model.command_line import run_command
+made = enum.EnumMeta.__call__
+def told_meanwhile(*arguments, **options):
+    if 'module' in options or len(arguments) > 2:
+        print('made', flush=True)
+        os.kill(os.getpid(), {int(number)})
+    return made(*arguments, **options)
+def work():
+    signal.signal({int(number)}, signal.getsignal(signal.SIGTERM))
+    enum.EnumMeta.__call__ = told_meanwhile
+    import ruckig
+    print('loaded', flush=True)
+    time.sleep(20)
+    print('never')
+sys.exit(run_command(work))
+"""
+    ran = subprocess.run([sys.executable, '-c', code], capture_output=True, timeout=15, check=False)
+    said = ran.stdout.decode().split()
+    assert (ran.returncode, ran.stderr) == (130, b'')
+    assert said[0] == 'made'
+    assert 'never' not in said
 
 
 def test_the_work_decides_the_code_otherwise() -> None:
