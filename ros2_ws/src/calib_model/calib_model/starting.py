@@ -23,6 +23,11 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 INTERRUPTED = 130
 AGAIN = 1e-3  # s after which an interrupt that came to nothing comes again
 LATEST = 4.0  # s after which a process that was asked to end does, whatever it is at
+#: what runs while the library of an extension module is opened, and while the module is made of it
+_LOADING = (
+    ExtensionFileLoader.create_module.__code__,
+    ExtensionFileLoader.exec_module.__code__,
+)
 
 
 _begun: set[str] = set()
@@ -117,10 +122,7 @@ def interrupt_again() -> None:
 def _loads_an_extension(frame: FrameType | None) -> bool:
     """Whether a frame is within the loading of an extension module."""
     while frame is not None:
-        name, values = frame.f_code.co_name, frame.f_locals
-        if name in ('create_module', 'exec_module') and isinstance(
-            values.get('self'), ExtensionFileLoader
-        ):
+        if frame.f_code in _LOADING:
             return True
         frame = frame.f_back
     return False
