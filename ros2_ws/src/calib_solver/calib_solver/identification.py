@@ -94,21 +94,22 @@ def identify(
 
 def _solved(prepared: Prepared) -> _Solved:
     """The minimum, with the widths and the joint errors that were left to be found."""
-    problem = prepared.problem
-    fit, descent = prepared.solver.solve(problem, prepared.descent)
-    solver = prepared.solver.with_widths(descent)
+    problem, solver = prepared.problem, prepared.solver
+    fit, descent = solver.solve(problem, prepared.descent)
     folds = Folds(problem)
     errors: JointErrorChoice | None = None
     if solver.options.joint_errors:
-        errors = choose_joint_errors(folds, solver, fit)
+        settled = solver.with_widths(descent)
+        errors = choose_joint_errors(folds, settled, fit)
         if errors.accepted:
             arm, joints = problem.measured.arm, problem.joints
             table = table_with(solver.table, arm, joints, errors.accepted, solver.options.links)
-            solver, descent = solver.widened(table, descent)
+            solver, descent = settled.widened(table, descent)
             fit, descent = solver.solve(problem, descent)
-            solver = solver.with_widths(descent)
+    # by the solver that led there: it has the sums of the nominal parameters and of the minimum
     fit = solver.whole(problem, fit, descent)
     sums = solver.sums(problem, fit.x)
+    solver = solver.with_widths(descent)
     return _Solved(solver, folds, fit, sums, descent.least_noise, errors)
 
 

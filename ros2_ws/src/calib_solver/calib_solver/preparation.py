@@ -74,7 +74,7 @@ def prepare(measured: Measurement, solver: Solver) -> Prepared:
     descent = leader.start(problem, mount)
     rejected: tuple[Rejected, ...] = ()
     if solver.options.loss == 'rejecting':
-        cleaned = without_gross_errors(problem, stretches, leader, descent)
+        cleaned = without_gross_errors(problem, initial, stretches, leader, descent)
         descent, rejected = cleaned.descent, cleaned.rejected
         warnings = cleaned.warnings
         if cleaned.problem is not problem:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
         joint_frames as joint_frames,
         point_derivatives as point_derivatives,
         points as points,
+        points_of_turned as points_of_turned,
     )
     from calib_model.kinematics.gravity import (
         STANDARD_GRAVITY as STANDARD_GRAVITY,

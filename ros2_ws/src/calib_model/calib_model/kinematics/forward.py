@@ -110,8 +110,30 @@ def points(arm: Arm, q: Array, p_flange: Array) -> Array:
         DataError: `q` has not the arm's number of joints.
     """
     turns, slides = _turns_and_slides(arm, q)
-    cosines, sines = np.cos(turns), np.sin(turns)
-    x, y, z = _in_last_frame(arm, p_flange, turns.shape[1]).T
+    return _carried(arm, np.cos(turns), np.sin(turns), slides, p_flange)
+
+
+def points_of_turned(arm: Arm, cosine: Array, sine: Array, slide: Array, p_flange: Array) -> Array:
+    """The same by what the joints have moved, theta_0 and d apart: `cosine` and `sine` (n, N) of
+    what each has turned, and `slide` (P, N), m, of the P prismatic ones, which have not turned.
+
+    These stay while the D-H parameters are sought.
+    """
+    zero = arm.geometry[3, :, None]
+    slides = np.repeat(arm.geometry[2, :, None], cosine.shape[1], axis=1)
+    slides[arm.prismatic] += slide
+    return _carried(
+        arm,
+        np.cos(zero) * cosine + np.sin(zero) * sine,
+        np.cos(zero) * sine - np.sin(zero) * cosine,
+        slides,
+        p_flange,
+    )
+
+
+def _carried(arm: Arm, cosines: Array, sines: Array, slides: Array, p_flange: Array) -> Array:
+    """Points of the flange in the base frame (N, 3), by what each joint turns and slides (n, N)."""
+    x, y, z = _in_last_frame(arm, p_flange, cosines.shape[1]).T
     for i in reversed(range(arm.n)):
         a, alpha, _, _, beta = arm.geometry[:, i]
         if beta != 0.0:

@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from calib_model.errors import DataError
 from calib_model.instruments import Arm
-from calib_model.kinematics.forward import forward_kinematics, points
+from calib_model.kinematics.forward import forward_kinematics, points, points_of_turned
 
 
 def eq_2(arm: Arm, q: np.ndarray) -> np.ndarray:
@@ -49,6 +51,19 @@ def test_points_are_forward_applied_to_flange_points(arms: list[Arm], odd_arm: A
         np.testing.assert_allclose(points(arm, q, p), expected, rtol=0, atol=1e-14)
         one = points(arm, q, p[0])
         np.testing.assert_allclose(one, T[:, :3, :3] @ p[0] + T[:, :3, 3], rtol=0, atol=1e-14)
+
+
+def test_points_are_the_same_by_what_the_joints_have_moved(arms: list[Arm], odd_arm: Arm) -> None:
+    rng = np.random.default_rng(2)
+    railed = replace(
+        odd_arm, joints=(replace(odd_arm.joints[0], type='prismatic'), *odd_arm.joints[1:])
+    )
+    for arm in (*arms, odd_arm, railed):
+        q, p = rng.uniform(-3, 3, (50, arm.n)), rng.uniform(-0.2, 0.2, (50, 3))
+        moved = (arm.direction * arm.uncoupled(q)).T
+        turned = np.where(arm.prismatic[:, None], 0.0, moved)
+        found = points_of_turned(arm, np.cos(turned), np.sin(turned), moved[arm.prismatic], p)
+        np.testing.assert_allclose(found, points(arm, q, p), rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize(

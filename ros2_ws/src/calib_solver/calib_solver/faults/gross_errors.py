@@ -17,7 +17,7 @@ from calib_model.arrays import Array, median
 from calib_solver.faults.stuck_styli import Stretch, set_apart
 from calib_solver.fitting import Descent, Solver
 from calib_solver.problem import IntArray, Problem
-from calib_solver.quality import probed_points
+from calib_solver.quality import Quality, probed_points
 
 #: a pose this many times further out than the median does not belong; normal noise along a single
 #: direction, the most straggling kind, gets there once in ten million poses
@@ -67,18 +67,20 @@ class Cleaned:
 
 
 def without_gross_errors(
-    problem: Problem, stretches: tuple[Stretch, ...], solver: Solver, descent: Descent
+    problem: Problem,
+    initial: Quality,
+    stretches: tuple[Stretch, ...],
+    solver: Solver,
+    descent: Descent,
 ) -> Cleaned:
-    """Leave out gross errors, judged by the fits of a solver from `descent` on; `stretches` are
-    those in which a stylus stands still.
+    """Leave out gross errors, judged by the nominal parameters' `initial` quality and by the fits
+    of a solver from `descent` on; `stretches` are those in which a stylus stands still.
 
     A measurement in which nothing stands out comes back as it is after one solution.
     """
-    measured = problem.measured
     stretch = set_apart(problem, stretches)
     kept: Mask = stretch == 0
-    points = probed_points(problem, measured.arm, measured.probe)
-    moved = _moved_spheres(problem, *_judged_distances(problem, points, kept))
+    moved = _moved_spheres(problem, *_judged_distances(problem, initial.points, kept))
     current = _weighted(problem, moved, kept.astype(float))
     bent = not kept.all() or bool(moved)
     for round_number in range(ROUNDS):
@@ -113,6 +115,7 @@ def without_gross_errors(
     if kept.all() and not moved:
         return Cleaned(problem, (), {}, stuck, descent)
     rejected = _left_out(problem, points, kept, away, stretch)
+    measured = problem.measured
     remaining = measured.poses.take(np.sort(problem.order[kept]))
     cleaned = Problem.of(replace(measured, poses=remaining), moved)
     lines = stuck + _warnings(rejected, moved, len(problem.joints))

@@ -146,7 +146,8 @@ def minimise(
     `evaluate(x)` gives the objective at offsets x from the nominal values; `scale` (F,) is each
     parameter's natural size (m, rad), in which steps are damped and judged; `least_noise` (m^2) is
     a residual's mean square as known from elsewhere, below which kappa does not go. A `kappa` that
-    is given stays what it is. A `rough` minimum is where another fit goes on from.
+    is given stays what it is. A `rough` minimum is where another fit goes on from: its last step is
+    left to that one.
     """
     state = _State(evaluate, scale, information, start, least_noise, kappa)
     if len(start) == 0:
@@ -160,7 +161,8 @@ def minimise(
         step, gain = state.step(damping)
         small = np.abs(step / scale).max() <= least_step
         if small and gain <= least_gain * state.cost + state.rounding:
-            state.try_step(step, gain)
+            if not rough:
+                state.try_step(step, gain)
             return state.fit(True, 'gradient and step below their tolerances')
         idle = idle + 1 if damping == LEAST_DAMPING and gain <= state.rounding else 0
         if idle > MOST_IDLE:

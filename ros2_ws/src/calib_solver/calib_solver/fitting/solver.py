@@ -14,13 +14,15 @@ from calib_model.arrays import Array
 from calib_model.errors import RankError
 from calib_model.instruments import Arm, PassiveProbe, Probe
 from calib_model.kinematics import ParameterTable
+from calib_solver.fitting.levenberg_marquardt import Fit
 from calib_solver.fitting.minimiser import Descent, Minimiser
 from calib_solver.fitting.objectives import Objective, Quadratic, objective
 from calib_solver.fitting.pose_noise import pose_variance
 from calib_solver.fitting.probe_mount import ProbeFit, fit_probe
 from calib_solver.problem import Problem, SphereSums
 
-#: sums that are kept: at the nominal parameters, and where the last fits began and ended
+#: sums that are kept of those asked for last, as fits begin where others ended; and as many at the
+#: nominal parameters, to which each fit is compared at its end
 KEPT = 4
 #: one pass over the poses, as `sphere_sums.accumulate` does it here, or others on other machines
 Accumulate = Callable[[Problem, ParameterTable, Array], SphereSums]
@@ -50,13 +52,16 @@ class Solver(Minimiser[Problem]):
         return objective(self.options.objective)
 
     def sums(self, problem: Problem, x: Array) -> SphereSums:
-        """The sums at offsets x; the latest few are kept, as fits begin where others ended."""
+        """The sums at offsets x; the latest few are kept, and those at the nominal parameters."""
         key = (id(problem), x.tobytes())
-        if key not in self._latest:
-            if len(self._latest) >= KEPT:
-                del self._latest[next(iter(self._latest))]
-            self._latest[key] = (problem, self.passes(problem, self.table, self.full(x)))
-        return self._latest[key][1]
+        found = self._latest.pop(key, None)
+        if found is None:
+            alike = [each for each in self._latest if any(each[1]) == any(key[1])]
+            if len(alike) >= KEPT:
+                del self._latest[alike[0]]
+            found = problem, self.passes(problem, self.table, self.full(x))
+        self._latest[key] = found
+        return found[1]
 
     @cached_property
     def _latest(self) -> dict[tuple[int, bytes], tuple[Problem, SphereSums]]:
@@ -66,6 +71,20 @@ class Solver(Minimiser[Problem]):
     def value(self, problem: Problem, x: Array) -> Quadratic:
         """The objective at offsets x."""
         return self.objective(problem, self.sums(problem, x))
+
+    def solve(self, problem: Problem, descent: Descent) -> tuple[Fit, Descent]:
+        """The minimum, from where the descent has come to: there, if this solver led it there."""
+        for solved, fit, there in self._last:
+            if solved is problem and there is descent:
+                return fit, descent
+        fit, there = super().solve(problem, descent)
+        self._last[:] = [(problem, fit, there)]
+        return fit, there
+
+    @cached_property
+    def _last(self) -> list[tuple[Problem, Fit, Descent]]:
+        """The last solution, if there is one."""
+        return []
 
     def start(self, problem: Problem, mount: ProbeFit | None) -> Descent:
         """The nominal parameters, with the mount of eq. 15 where that fits better."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from calib_model.arrays import Array
 from calib_model.instruments import Arm, Probe
-from calib_model.kinematics import CorrectedArm, Correction
+from calib_model.kinematics import CorrectedArm, Correction, points_of_turned
 from calib_solver.problem import IntArray, Problem, place_gauge
 
 COORDINATES = ('x', 'y', 'z')
@@ -43,6 +43,12 @@ class Quality:
     displaced: Array
 
     @property
+    def points(self) -> Array:
+        """`p_base` (N, 3) of each pose, in the problem's order, m."""
+        found: Array = np.repeat(self.spheres.center, self.spheres.poses, axis=0) + self.deviation
+        return found
+
+    @property
     def spread(self) -> float:
         """The usual distance of a pose from its sphere's centre, m: the rms."""
         return float(np.sqrt((self.deviation**2).sum(axis=1).mean()))
@@ -59,6 +65,8 @@ def probed_points(
 ) -> Array:
     """`p_base` (N, 3) of every pose, in the problem's order, m: eq. 14, corrected where wanted."""
     p_flange = probe.flange_T_probe.apply(problem.centers)
+    if correction is None:
+        return points_of_turned(arm, problem.cosine, problem.sine, problem.slide, p_flange)
     return CorrectedArm(arm, correction).points(problem.joints, p_flange)
 
 
@@ -67,16 +75,16 @@ def assess(
 ) -> Quality:
     """The quality of `arm` with `probe` on the poses of a problem, corrected where wanted."""
     p_base = probed_points(problem, arm, probe, correction)
-    count = problem.counts
-    center = np.empty((len(count), 3))
-    two_sigma = np.full((len(count), 3), np.nan)
-    deviation = np.empty_like(p_base)
-    for s in range(len(count)):
-        own = p_base[problem.rows(s)]
-        center[s] = own[0] + (own - own[0]).mean(axis=0)
-        away = deviation[problem.rows(s)] = own - center[s]
-        if count[s] > 1:
-            two_sigma[s] = 2 * np.sqrt((away**2).sum(axis=0) / (count[s] - 1))
+    count, start = problem.counts, problem.start[:-1]
+    nearby = p_base[start]
+    away = p_base - np.repeat(nearby, count, axis=0)
+    mean = np.add.reduceat(away, start, axis=0) / count[:, None]
+    center = nearby + mean
+    deviation = away - np.repeat(mean, count, axis=0)
+    two_sigma = np.full(center.shape, np.nan)
+    several = count > 1
+    squares = np.add.reduceat(deviation**2, start, axis=0)[several]
+    two_sigma[several] = 2 * np.sqrt(squares / (count[several, None] - 1))
     first, second = problem.pairs.T
     measured = np.linalg.norm(center[first] - center[second], axis=1)
     return Quality(
@@ -93,12 +101,11 @@ def _position_errors(problem: Problem, p_base: Array, center: Array) -> tuple[Ar
     """Of each pose (N,), and of the mean of each sphere (S,)."""
     gauge = problem.measured.gauge
     certified = np.array([gauge.center(int(number)) for number in problem.keys[:, 1]])
-    errors, displaced = np.empty(len(p_base)), np.full(len(center), np.nan)
+    points, displaced = np.empty_like(center), np.full(len(center), np.nan)
     for rows in problem.placements:
         placed = place_gauge(certified[rows], center[rows], problem.counts[rows].astype(float))
+        points[rows] = placed.points
         if len(rows) > 1:
             displaced[rows] = np.linalg.norm(center[rows] - placed.points, axis=1)
-        for row, point in zip(rows, placed.points, strict=True):
-            own = problem.rows(int(row))
-            errors[own] = np.linalg.norm(p_base[own] - point, axis=1)
+    errors = np.linalg.norm(p_base - np.repeat(points, problem.counts, axis=0), axis=1)
     return errors, displaced
