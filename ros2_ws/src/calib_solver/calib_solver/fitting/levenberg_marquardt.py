@@ -37,6 +37,8 @@ LEAST_DAMPING = 1e-24
 #: so many full steps on end that gain nothing but rounding say that no more is to be had
 MOST_IDLE = 3
 MOST_DAMPING = 1e2
+#: why a fit has converged
+SETTLED = 'gradient and step below their tolerances'
 
 Evaluate = Callable[[Array], Quadratic]
 
@@ -153,18 +155,20 @@ def minimise(
     if len(start) == 0:
         return state.fit(True, 'no free parameters')
     damping = LEAST_DAMPING
-    least_step = ROUGH_STEP if rough else STEP_TOLERANCE
+    least_step = (ROUGH_STEP if rough else STEP_TOLERANCE) * scale
     least_gain = ROUGH_GAIN if rough else GAIN_TOLERANCE
     idle = 0
     while state.iterations < MOST_ITERATIONS:
         state.iterations += 1
         step, gain = state.step(damping)
-        small = np.abs(step / scale).max() <= least_step
-        if small and gain <= least_gain * state.cost + state.rounding:
-            if not rough:
-                state.try_step(step, gain)
-            return state.fit(True, 'gradient and step below their tolerances')
         idle = idle + 1 if damping == LEAST_DAMPING and gain <= state.rounding else 0
+        if (np.abs(step) <= least_step).all() and gain <= least_gain * state.cost + state.rounding:
+            if rough or not state.try_step(step, gain):
+                return state.fit(True, SETTLED)
+            # where it ends the step is to be small too, and not by the luck of rounding
+            if (np.abs(state.step(damping)[0]) <= least_step).all():
+                return state.fit(True, SETTLED)
+            continue
         if idle > MOST_IDLE:
             return state.fit(False, 'only rounding is left to gain; a direction does not settle')
         if state.try_step(step, gain):
