@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calib_model.arrays import Array
+from calib_model.instruments import JOINT_PARAMETERS
 from calib_model.kinematics import ParameterTable
 from calib_solver.fitting.levenberg_marquardt import (
     Evaluate,
@@ -39,6 +40,8 @@ LOWER = 0.25
 FEW, APART = 1.5, 3e-4
 #: m, a residual is held to be no less where there are few
 FEW_NOISE = 1e-7
+#: so many offsets of each kind count as seen beforehand
+BEFOREHAND = 2.0
 #: widths are settled when none changes by more than this part
 SETTLED = 0.02
 MOST_ROUNDS = 6
@@ -55,11 +58,13 @@ Mask = NDArray[np.bool_]
 @dataclass(frozen=True)
 class Group:
     """Free parameters that have a width in common: `sigma` (F,) is what each usually is off by (m,
-    rad), `kind` (F,) the number of its kind, from 0, `turns` (F,) which are angles of D-H."""
+    rad), `kind` (F,) the number of its kind, from 0, `turns` (F,) which are angles of D-H, `rows`
+    (K,) which kinds are those of a D-H row."""
 
     sigma: Array
     kind: IntArray
     turns: Mask
+    rows: Mask
 
     def minimised(
         self,
@@ -86,6 +91,17 @@ class Group:
         """The most times (K,) a kind can be wide."""
         return WIDEST / self._size()
 
+    def beforehand(self, times: Array, told: Array) -> Array:
+        """How many times (K,) as large as usual an offset is before it is told, 1 or more, by the
+        `times` (K,) of all kinds and how far each is `told` (K,) in all.
+
+        The kinds of a D-H row go together, by the mean of their logarithms: an arm whose zeros are
+        far off is seldom one whose links are as drawn. One more counts as usual.
+        """
+        weight = np.where(self.rows, told, 0.0)
+        mean = float(weight @ np.log(times)) / (float(weight.sum()) + 1.0)
+        return np.where(self.rows, np.exp(max(mean, 0.0)), 1.0)
+
     def _size(self) -> Array:
         size = np.zeros(int(self.kind.max(initial=-1)) + 1)
         size[self.kind] = self.sigma
@@ -102,7 +118,13 @@ def groups(table: ParameterTable, sigma: Array) -> tuple[tuple[str, ...], Group]
     kinds = tuple(dict.fromkeys(parameter.kind for parameter in table.free))
     kind = [kinds.index(parameter.kind) for parameter in table.free]
     turns = [parameter.kind in ANGLES for parameter in table.free]
-    return kinds, Group(sigma, np.array(kind, dtype=np.int64), np.array(turns, dtype=bool))
+    rows = [one in JOINT_PARAMETERS for one in kinds]
+    return kinds, Group(
+        sigma,
+        np.array(kind, dtype=np.int64),
+        np.array(turns, dtype=bool),
+        np.array(rows, dtype=bool),
+    )
 
 
 @dataclass(frozen=True)
@@ -122,9 +144,9 @@ def widths(
     """By how many times the parameters of each kind are off what is usual.
 
     The objective is taken as `quadratic` about offsets `x` (F,), `noise` (m^2) is a residual's mean
-    square; begun from `times` (K,). One offset as large as usual counts as seen beforehand of each
-    kind, so that nothing told leaves it at 1. Where residuals are `few` they do not tell the noise
-    before it is known how many the parameters take up: both are found together.
+    square; begun from `times` (K,). Some offsets count as seen BEFOREHAND of each kind, so that one
+    which nothing tells is as usual, or as the others are. Where residuals are `few` they do not
+    tell the noise before it is known how many the parameters take up: both are found together.
     """
     sigma, kind, count = group.sigma, group.kind, len(times)
     normal = sigma[:, None] * quadratic.normal * sigma
@@ -140,8 +162,10 @@ def widths(
         left = offset - at
         phi = max(quadratic.phi + float(left @ (2 * gradient + normal @ left)), 0.0)
         before, noise_before = times, noise
-        square = np.bincount(kind, offset**2, count) + 1
-        times = np.sqrt(square / (np.bincount(kind, told, count) + 1))
+        of_kind: Array = np.bincount(kind, told, count).astype(np.float64)
+        usual = group.beforehand(times, of_kind)
+        square = np.bincount(kind, offset**2, count) + BEFOREHAND * usual**2
+        times = np.sqrt(square / (of_kind + BEFOREHAND))
         times = np.clip(times, NARROWEST, group.widest())
         if few:
             noise = max(phi / max(quadratic.terms - float(told.sum()), 1.0), FEW_NOISE**2)

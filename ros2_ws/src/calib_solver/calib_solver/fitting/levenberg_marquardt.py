@@ -17,7 +17,8 @@ import numpy as np
 from calib_model.arrays import Array
 from calib_solver.fitting.objectives import Quadratic
 
-MOST_ITERATIONS = 100
+#: few poses leave a narrow, bent valley of parameters that all but fit them: a long way down
+MOST_ITERATIONS = 400
 #: a step is small when no parameter moves by more than this part of its scale
 STEP_TOLERANCE = 1e-8
 #: a gradient is small when following it to the bottom would gain less than this part of the cost

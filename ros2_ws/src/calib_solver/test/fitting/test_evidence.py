@@ -25,7 +25,12 @@ def linear(seed):
     offsets x (8,), and the noise's variance."""
     generator = np.random.default_rng(seed)
     slope = generator.normal(size=(40, 8)) * np.logspace(3, 0, 8)
-    group = Group(np.array([2e-3, 5e-4] * 4), np.array([0, 1] * 4), np.zeros(8, dtype=bool))
+    group = Group(
+        np.array([2e-3, 5e-4] * 4),
+        np.array([0, 1] * 4),
+        np.zeros(8, dtype=bool),
+        np.zeros(2, dtype=bool),
+    )
     truth = group.sigma * np.array([3.0, 0.4])[group.kind] * generator.normal(size=8)
     x = 1e-3 * generator.normal(size=8)
     residual = slope @ (x - truth) + 0.01 * generator.normal(size=40)
@@ -41,7 +46,7 @@ def test_the_widths_are_those_that_scipy_finds_most_likely(seed):
         width = np.exp(logarithm)[group.kind] * group.sigma
         covariance = noise * np.eye(len(measured)) + (slope * width**2) @ slope.T
         seen = multivariate_normal.logpdf(measured, np.zeros(len(measured)), covariance)
-        beforehand = -logarithm - 0.5 * np.exp(-2 * logarithm)  # one offset as large as usual
+        beforehand = -2 * logarithm - np.exp(-2 * logarithm)  # two offsets as large as usual
         return -(seen + beforehand.sum())
 
     best = np.exp(minimize(unlikely, np.zeros(2), method='Nelder-Mead', tol=1e-9).x)
@@ -55,9 +60,27 @@ def test_the_widths_are_those_that_scipy_finds_most_likely(seed):
 
 def test_what_is_not_told_at_all_stays_as_usual():
     nothing = Quadratic(1.0, np.zeros(3), np.zeros((3, 3)), 10.0)
-    group = Group(np.full(3, 1e-3), np.zeros(3, dtype=np.int64), np.zeros(3, dtype=bool))
+    group = Group(
+        np.full(3, 1e-3), np.zeros(3, dtype=np.int64), np.zeros(3, bool), np.ones(1, bool)
+    )
     found = widths(nothing, np.zeros(3), 0.1, group, np.full(1, 10.0))
     np.testing.assert_allclose(found.times, 1.0, rtol=0.02)
+
+
+@pytest.mark.parametrize(
+    ('rows', 'expected'), [((1, 1, 1), 10.0), ((1, 1, 0), 1.0), ((0, 0, 1), 1.0)]
+)
+def test_a_kind_that_nothing_tells_is_as_the_others_of_a_dh_row_are(rows, expected):
+    """Two kinds of four parameters are told to be ten times as far off as usual."""
+    size, kind = np.full(9, 1e-3), np.array([0] * 4 + [1] * 4 + [2])
+    slope = np.diag([1e3] * 8 + [0.0])
+    truth = 1e-2 * np.array([1.0, -1.0] * 4 + [0.0])
+    residual = -slope @ truth
+    quadratic = Quadratic(float(residual @ residual), slope.T @ residual, slope.T @ slope, 30.0)
+    group = Group(size, kind, np.zeros(9, dtype=bool), np.array(rows, dtype=bool))
+    found = widths(quadratic, np.zeros(9), 1e-6, group, np.full(3, 10.0))
+    np.testing.assert_allclose(found.times[:2], 10.0, rtol=0.3)
+    np.testing.assert_allclose(found.times[2], expected, rtol=0.3)
 
 
 def zeros_off(seed, degrees, poses):
