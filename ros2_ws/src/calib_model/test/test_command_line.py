@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
+import os
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
 from calib_model.command_line import CommandParser, number_from, run_command, whole_from
 from calib_model.errors import CalibrationError
+from calib_model.starting import ENDING
 
 
 def raising(error: BaseException) -> int:
@@ -223,3 +226,20 @@ def test_numbers_out_of_range_name_their_option(
     err = capsys.readouterr().err
     assert said in err and err.count('\n') == 1
     assert parser.parse_args(['--share', '0.5', '--count', '9']).count == 9
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_node_that_is_told_to_end_before_it_minds_signals_ends_as_nodes_do(number, monkeypatch):
+    for hook in ('unraisablehook', 'excepthook'):
+        monkeypatch.setattr(sys, hook, getattr(sys, hook))
+
+    def told():
+        os.kill(os.getpid(), number)
+        time.sleep(10)
+
+    minded = {each: signal.getsignal(each) for each in ENDING}
+    try:
+        assert run_command(told, interrupted=0) == 0
+    finally:
+        for each, handler in minded.items():
+            signal.signal(each, handler)

@@ -152,7 +152,9 @@ COMMAND = NodeCommand('calib_solver', 'solver', ABOUT, EXAMPLE, read_parameters)
 
 def main() -> int:
     """Entry point: serves until Ctrl-C; 2 when an argument cannot be used."""
-    return run_command(lambda: run_node(COMMAND, SolverNode, _executor, SolverNode.end_work))
+    return run_command(
+        lambda: run_node(COMMAND, SolverNode, _executor, SolverNode.end_work), interrupted=0
+    )
 
 
 if __name__ == '__main__':
