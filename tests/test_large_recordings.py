@@ -118,8 +118,8 @@ def test_a_recording_of_any_length_is_read_in_flat_memory(name, recordings, tmp_
             assert 'missing: nothing' in found.out
         if name in ('pair', 'recover'):
             assert len(read_measurement(out).poses) > 100
-        tried.append((size, found.seconds))
+        tried.append((size, found.seconds, found.held))
     if SOAK:
-        (size, before), (large, long), (_, after) = tried
+        (size, before, _), (large, long, held), (_, after, _) = tried
         assert long / large < LINEAR * max(before, after) / size
-        note(**{f'recording {name}': [large, long, found.held]})
+        note(**{f'recording {name}': [large, long, held]})
