@@ -21,7 +21,7 @@ from types import FrameType
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 INTERRUPTED = 130
-AGAIN = 1e-3  # s after which an interrupt that came to nothing comes again
+AGAIN = 1e-3  # s after which an interrupt that came to nothing comes again, and again
 LATEST = 4.0  # s after which a process that was asked to end does, whatever it is at
 #: what runs while the library of an extension module is opened, and while the module is made of it
 _LOADING = (
@@ -105,18 +105,25 @@ def interrupt() -> None:
     """Raise KeyboardInterrupt in the main thread, as soon as nothing is held back and no extension
     module is being loaded: written in C++, it may end the process for an exception that meets it
     there."""
-    if _HeldBack.depth:
-        _HeldBack.waiting = True
-    elif _loads_an_extension(sys._getframe()):
+    if not _HeldBack.depth and _loads_an_extension(sys._getframe()):
         interrupt_again()
-    else:
+        return
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    if not _HeldBack.depth:
         raise KeyboardInterrupt
+    _HeldBack.waiting = True
 
 
 def interrupt_again() -> None:
-    """Let an interrupt that came to nothing come again, a moment later."""
-    signal.signal(signal.SIGALRM, lambda *_: interrupt())
-    signal.setitimer(signal.ITIMER_REAL, AGAIN)
+    """Let an interrupt that came to nothing come again, a moment later, and as often as it takes:
+    one that arrives just before a call that waits is not heard until that call is over."""
+    signal.signal(signal.SIGALRM, _come_again)
+    signal.setitimer(signal.ITIMER_REAL, AGAIN, AGAIN)
+
+
+def _come_again(*_: object) -> None:
+    if any(signal.getitimer(signal.ITIMER_REAL)):  # else it was on its way as another interrupted
+        interrupt()
 
 
 def _loads_an_extension(frame: FrameType | None) -> bool:

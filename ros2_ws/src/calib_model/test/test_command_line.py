@@ -86,6 +86,27 @@ sys.exit(run_command(work))
     assert (ran.returncode, ran.stdout, ran.stderr) == (130, b'', b'')
 
 
+def test_an_interrupt_comes_again_until_it_is_heard() -> None:
+    """The first to come again is lost, as one is that comes just before a call that waits."""
+    code = """
+import os, signal, sys, time, weakref
+from calib_model.command_line import run_command
+class Lock: pass
+def work():
+    lock = Lock()
+    told = weakref.ref(lock, lambda _: os.kill(os.getpid(), signal.SIGTERM))
+    signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGALRM])
+    del lock
+    signal.sigwait([signal.SIGALRM])
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGALRM])
+    time.sleep(20)
+    print('never')
+sys.exit(run_command(work))
+"""
+    ran = subprocess.run([sys.executable, '-c', code], capture_output=True, timeout=15, check=False)
+    assert (ran.returncode, ran.stdout, ran.stderr) == (130, b'', b'')
+
+
 def test_an_interrupt_that_a_library_prints_comes_again() -> None:
     """As C does that imports by itself, and prints what comes of it."""
     code = """
