@@ -12,7 +12,8 @@ from calib_capture.checking.hypotheses import AS_DESCRIBED, Explained, explained
 from calib_capture.checking.signs import SURELY, fits
 from calib_capture.checking.streams import Heard
 from calib_model.arrays import Array
-from calib_model.instruments import ActiveProbe, Arm, Gauge
+from calib_model.instruments import ActiveProbe, Arm, Gauge, known_centers
+from calib_model.kinematics import points
 from calib_model.pairing import JointSample, Reading, Status
 from calib_model.stamps import SECOND
 
@@ -24,21 +25,23 @@ LATE = 0.01  # s between the clocks that is said
 WITHIN, STOOD = 2e-3, 0.05  # rad, s: the arm stands in a planned pose
 TOUCHING = 40  # readings in contact at rest that tell their noise
 RESTED, HARDLY = 0.05, 3e-3  # s, and rad in that time that readings show next to nothing of
-EMPTY = 2  # poses without a touch
-UNTOUCHED = (
-    f'no stylus touched anything at the first {EMPTY} poses: is the gauge where it is said to be, '
-    'and does every joint count as described?'
-)
+EMPTY = 2  # poses that meet no sphere; one is enough after a touch where nothing should be
+ASTRAY = 0.03  # m from every sphere, as described: farther than any stylus reaches
 
 
 class FirstContacts:
-    """Sees what was `heard` grow, of an arm that goes to `poses` (K, n); `noise` (m) is the largest
-    so far of the readings in contact."""
+    """Sees what was `heard` grow, of an arm that goes to `poses` (K, n) on spheres that should be
+    at `places` (M, 3), m in the base frame; `noise` (m) is the largest so far of the readings in
+    contact."""
 
-    def __init__(self, arm: Arm, probe: ActiveProbe, gauge: Gauge, poses: Array) -> None:
-        self._arm, self._probe, self._gauge, self._poses = arm, probe, gauge, poses
+    def __init__(
+        self, arm: Arm, probe: ActiveProbe, gauge: Gauge, places: Array, poses: Array
+    ) -> None:
+        self._arm, self._probe, self._gauge = arm, probe, gauge
+        self._places, self._poses = places, poses
         self._empty: set[int] = set()
-        self._touched = False  # in a pose
+        self._met = False  # a sphere, in a pose
+        self._astray = 0.0  # m from the nearest sphere, as described, of the touch farthest off
         self.noise = 0.0
         self.start_over()
 
@@ -55,11 +58,13 @@ class FirstContacts:
         """What speaks against the capture; `message` is the newest of what was heard."""
         if isinstance(message, JointSample):
             self._rests(message)
-            return UNTOUCHED if self._stands(heard, message) else ''
+            return self._unmet() if self._stands(heard, message) else ''
         touching, newest = not any(message.status), len(heard.readings) - 1
         begin = self._contact
         if touching and begin is None:
             self._contact = newest
+            if heard.joints:
+                self._astray = max(self._astray, self._apart(heard.joints[-1], message))
         elif not touching and begin is not None:
             self._contact = None
             return self._told(heard, begin, newest)
@@ -84,8 +89,8 @@ class FirstContacts:
             self._resting = []
 
     def _stands(self, heard: Heard, sample: JointSample) -> bool:
-        """Whether the arm has stood in poses enough, and no stylus touched anything."""
-        if self._touched or not len(self._poses):
+        """Whether the arm has stood in poses enough, and met no sphere as planned in any."""
+        if self._met or not len(self._poses):
             return False
         near = np.abs(self._poses - sample.joints).max(axis=1) <= WITHIN
         pose = int(np.argmax(near)) if near.any() else None
@@ -98,11 +103,32 @@ class FirstContacts:
         readings = heard.readings[self._came :]
         if len(readings) < 3:
             return False
-        self._answered, nothing = True, Status.NO_CONTACT.value
-        self._touched = any(each != nothing for reading in readings for each in reading.status)
-        if not self._touched:
+        self._answered, self._met = True, any(map(_meets, readings))
+        if not self._met:
             self._empty.add(pose)
-        return len(self._empty) >= EMPTY
+        return len(self._empty) >= (1 if self._astray > ASTRAY else EMPTY)
+
+    def _apart(self, sample: JointSample, touch: Reading) -> float:
+        """How far from the nearest place (m) the sphere is that is touched, as described; 0 where
+        that is not known."""
+        displacement = np.asarray(touch.displacement)[None]
+        p_probe = known_centers(self._probe, displacement, self._gauge.sphere_diameter)
+        p_flange = self._probe.flange_T_probe.apply(p_probe)
+        p_base = points(self._arm, np.asarray(sample.joints)[None], p_flange)
+        apart = np.linalg.norm(self._places - p_base, axis=1)
+        return float(np.nanmin(apart)) if np.isfinite(apart).any() else 0.0
+
+    def _unmet(self) -> str:
+        poses = f'{len(self._empty)} poses' if len(self._empty) > 1 else 'pose'
+        before = (
+            f', but a touch came {self._astray:.2f} m from where any sphere should be'
+            if self._astray > ASTRAY
+            else ''
+        )
+        return (
+            f"the first {poses} met no sphere within the styli's travel{before}: is the gauge "
+            'where it is said to be, and does every joint count as described?'
+        )
 
     def _told(self, heard: Heard, begin: int, end: int) -> str:
         """Of joints, styli, mounting and clocks, as a contact tells in which all joints moved."""
@@ -127,6 +153,13 @@ class FirstContacts:
         if not told.ok:
             return f'{told.names}: so the readings say, not as described'
         return clock_apart(told.found) if fits(told.found) else ''
+
+
+def _meets(reading: Reading) -> bool:
+    """Whether a stylus touches, and none farther than it can: a sphere met sideways is not met as
+    planned."""
+    status = reading.status
+    return Status.OK.value in status and Status.OVER_TRAVEL.value not in status
 
 
 def _slow(messages: list[JointSample]) -> bool:

@@ -64,7 +64,7 @@ class FirstSeconds:
     ) -> None:
         self._arm, self._probe, self._gauge = arm, probe, gauge
         self._places, self._spread = places, spread
-        self._alone = FirstContacts(arm, probe, gauge, poses)
+        self._alone = FirstContacts(arm, probe, gauge, places, poses)
         self._over = False
         self.objection = ''
         self.start_over()

@@ -12,7 +12,7 @@ from calib_model.pairing import JointSample, Reading
 from calib_model.stamps import SECOND
 
 POSTURE = np.array([-0.4, 0.8, -0.6, 0.5, 0.9, -0.7])
-NOTHING, TOUCH = (1, 1, 1), (0, 1, 1)
+NOTHING, TOUCH, SIDEWAYS = (1, 1, 1), (0, 1, 1), (2, 0, 1)
 
 
 @pytest.fixture
@@ -60,28 +60,55 @@ def test_one_contact_tells_what_is_wrong_and_what_is_rough_is_not_wrong(said_of,
     assert bool(objection) == bool(words)
 
 
+@pytest.fixture
+def after_poses(kr5, probe, gauge):
+    """What a capture objects to after it `saw` those statuses at one pose after the other, the
+    sphere touched in the first, as described, `astray` (m) from where it should be."""
+
+    def said(seen, astray=0.0):
+        poses = np.array([POSTURE + 0.1 * k for k in range(3)])
+        touched = np.full((1, 3), 1e-4)
+        center = probe.centers(touched, gauge.sphere_diameter)
+        place = points(kr5, poses[:1] + 0.05, probe.flange_T_probe.apply(center))
+        first = FirstSeconds(kr5, probe, gauge, place + [0.0, astray, 0.0], poses)
+        stamp = 50 * SECOND
+        for k, status in enumerate(seen):
+            on_the_way = (0, 0, 0) if k == 0 else status
+            for there, here in ((poses[k] + 0.05, on_the_way), (poses[k], status)):
+                for _ in range(12):
+                    stamp += SECOND // 100
+                    first.see(JointSample(stamp, there), stamp / SECOND)
+                    first.see(Reading(stamp, touched[0], here), stamp / SECOND + 1e-3)
+        return first.objection
+
+    return said
+
+
 @pytest.mark.parametrize(
     ('seen', 'objects'),
     [
         ([NOTHING, NOTHING], True),
+        ([SIDEWAYS, NOTHING], True),
         ([NOTHING, TOUCH], False),
+        ([SIDEWAYS, TOUCH], False),
         ([TOUCH, NOTHING, NOTHING], False),
         ([NOTHING], False),
     ],
 )
-def test_two_poses_without_any_touch_are_enough(kr5, probe, gauge, seen, objects):
-    poses = np.array([POSTURE + 0.1 * k for k in range(3)])
-    first = FirstSeconds(kr5, probe, gauge, np.zeros((1, 3)), poses)
-    stamp = 50 * SECOND
-    for place, status in enumerate(seen):
-        for there in (poses[place] + 0.05, poses[place]):  # it stands on the way, too
-            for _ in range(12):
-                stamp += SECOND // 100
-                first.see(JointSample(stamp, there), stamp / SECOND)
-                reading = Reading(stamp, np.full(3, -3e-3), status)
-                first.see(reading, stamp / SECOND + 1e-3)
-    assert first.objection.startswith('no stylus touched anything' if objects else '')
-    assert bool(first.objection) == objects
+def test_two_poses_that_meet_no_sphere_are_enough(after_poses, seen, objects):
+    objection = after_poses(seen)
+    assert objection.startswith('the first 2 poses met no sphere' if objects else '')
+    assert bool(objection) == objects
+
+
+def test_one_is_enough_after_a_touch_far_from_any_sphere(after_poses):
+    objection = after_poses([NOTHING], astray=0.23)
+    assert (
+        "the first pose met no sphere within the styli's travel, but a touch came 0.23 m"
+        in objection
+    )
+    assert not after_poses([NOTHING], astray=0.02)
+    assert not after_poses([TOUCH, NOTHING], astray=0.23)
 
 
 @pytest.mark.parametrize(('noise', 'objects'), [(4e-5, True), (1e-6, False)])
