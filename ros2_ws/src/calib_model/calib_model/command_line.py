@@ -18,9 +18,9 @@ from typing import Any, NoReturn
 from calib_model.errors import CalibrationError
 from calib_model.starting import (
     ENDING,
-    INTERRUPTED,
     begun,
     end_at_the_latest,
+    ending_code,
     handle,
     interrupt,
     interrupt_again,
@@ -112,7 +112,7 @@ def whole_from(least: int, most: int) -> Callable[[str], int]:
     return read
 
 
-def run_command(work: Callable[[], int | None], interrupted: int = INTERRUPTED) -> int:
+def run_command(work: Callable[[], int | None]) -> int:
     """Do the work of a command and return its exit code.
 
     `work` returns an exit code, None for 0. A CalibrationError is printed as one line on stderr
@@ -122,16 +122,16 @@ def run_command(work: Callable[[], int | None], interrupted: int = INTERRUPTED) 
     """
     told: list[int] = []
     try:
-        _end_as_by_ctrl_c(told, interrupted)
+        _end_as_by_ctrl_c(told)
         code = _done(work)
         _mind_no_more(told)  # what comes until then has interrupted
         return code
     except KeyboardInterrupt:
-        return interrupted
+        return ending_code()
     except Exception:
         # what it met on its way may have made another of it: __set_name__ does, up to Python 3.11
         if told:
-            return interrupted
+            return ending_code()
         raise
     finally:
         _mind_no_more(told)
@@ -178,7 +178,7 @@ def _mind_no_more(told: list[int]) -> None:
         handle(signal.SIG_IGN)
 
 
-def _end_as_by_ctrl_c(told: list[int], interrupted: int) -> None:
+def _end_as_by_ctrl_c(told: list[int]) -> None:
     """Let the signals that ask to end, where nobody has other plans with them, unwind what is under
     way; what does not come to an end by that, as a library that swallows it, is ended soon after.
     The one that came is added to `told`.
@@ -190,7 +190,7 @@ def _end_as_by_ctrl_c(told: list[int], interrupted: int) -> None:
         # what is torn down then is torn down once
         for one in ENDING:
             signal.signal(one, signal.SIG_IGN)
-        end_at_the_latest(interrupted)
+        end_at_the_latest()
         told.append(number)
         _interrupt_again_where_ignored()
         interrupt()

@@ -30,7 +30,10 @@ _LOADING = (
 )
 
 
-_begun: set[str] = set()
+class _Program:
+    """What this process ends with when it is asked to; None where it is no program of ours."""
+
+    code: int | None = None
 
 
 def begin(room: str, code: int = INTERRUPTED) -> None:
@@ -38,7 +41,8 @@ def begin(room: str, code: int = INTERRUPTED) -> None:
     command or node of `room` (`package.commands`, `package.nodes`) and not one that imports it."""
     if not is_program(room):
         return
-    _begun.add(room)
+    if _Program.code is None:
+        _Program.code = code
     for number in ENDING:
         ours = [signal.SIG_DFL, signal.default_int_handler]
         if number == signal.SIGINT:  # a script's `node & kill -INT $!`: its shell has it ignored
@@ -50,7 +54,12 @@ def begin(room: str, code: int = INTERRUPTED) -> None:
 
 def begun() -> bool:
     """Whether this process is a command or node of ours, so that its signals are ours."""
-    return bool(_begun)
+    return _Program.code is not None
+
+
+def ending_code() -> int:
+    """The exit code of this process where it is asked to end before its work is done."""
+    return INTERRUPTED if _Program.code is None else _Program.code
 
 
 def is_program(room: str) -> bool:
@@ -135,12 +144,12 @@ def _loads_an_extension(frame: FrameType | None) -> bool:
     return False
 
 
-def end_at_the_latest(code: int) -> None:
-    """End a process of ours in `LATEST` s with exit code `code`, unless it has ended by then."""
+def end_at_the_latest() -> None:
+    """End a process of ours in `LATEST` s as one that was asked to, unless it has ended by then."""
 
     def end() -> None:
         time.sleep(LATEST)
-        os._exit(code)
+        os._exit(ending_code())
 
     if begun():
         threading.Thread(target=end, daemon=True).start()

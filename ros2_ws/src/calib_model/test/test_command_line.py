@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-import os
 import signal
 import subprocess
 import sys
-import time
+from pathlib import Path
 
 import pytest
 
 from calib_model.command_line import CommandParser, number_from, run_command, whole_from
 from calib_model.errors import CalibrationError
-from calib_model.starting import ENDING
 
 
 def raising(error: BaseException) -> int:
@@ -45,7 +43,7 @@ def then_it_comes(one, handler):
     if one == signal.{number} and callable(handler):
         os.kill(os.getpid(), one)
 signal.signal = then_it_comes
-starting._begun |= {{'calib_model'}} if {begin} else set()
+starting._Program.code = 130 if {begin} else None
 sys.exit(command_line.run_command(lambda: print('never')))
 """
     ran = subprocess.run([sys.executable, '-c', code], capture_output=True, timeout=30, check=False)
@@ -249,18 +247,24 @@ def test_numbers_out_of_range_name_their_option(
     assert parser.parse_args(['--share', '0.5', '--count', '9']).count == 9
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_node_that_is_told_to_end_before_it_minds_signals_ends_as_nodes_do(number, monkeypatch):
-    for hook in ('unraisablehook', 'excepthook'):
-        monkeypatch.setattr(sys, hook, getattr(sys, hook))
-
-    def told():
-        os.kill(os.getpid(), number)
-        time.sleep(10)
-
-    minded = {each: signal.getsignal(each) for each in ENDING}
-    try:
-        assert run_command(told, interrupted=0) == 0
-    finally:
-        for each, handler in minded.items():
-            signal.signal(each, handler)
+@pytest.mark.parametrize('number', ['SIGINT', 'SIGTERM', 'SIGHUP'])
+@pytest.mark.parametrize(('room', 'code'), [('nodes', 0), ('commands', 130)])
+def test_what_is_told_to_end_before_it_minds_signals_ends_as_its_room_says(
+    room: str, code: int, number: str, tmp_path: Path
+) -> None:
+    folder = tmp_path / 'rover' / room
+    folder.mkdir(parents=True)
+    (folder / '__init__.py').write_text(
+        f'from calib_model.starting import begin\nbegin(__name__, {code})\n'
+    )
+    (folder / 'drive.py').write_text(f"""
+import os, signal, sys, time
+from calib_model.command_line import run_command
+def work():
+    os.kill(os.getpid(), signal.{number})
+    time.sleep(10)
+sys.exit(run_command(work))
+""")
+    words = [sys.executable, '-m', f'rover.{room}.drive']
+    ran = subprocess.run(words, cwd=tmp_path, capture_output=True, timeout=30, check=False)
+    assert (ran.returncode, ran.stdout, ran.stderr) == (code, b'', b'')

@@ -6,5 +6,5 @@ import sys
 from calib_model.starting import INTERRUPTED, begin, program
 
 #: what ends by itself, and so is a command
-ENDS = program() in {'capture', 'capture_node', 'replay', 'replay_node'}
+ENDS = program().removesuffix('_node') in {'capture', 'check', 'replay'}
 begin(__name__, INTERRUPTED if ENDS and 'serve:=true' not in sys.argv else 0)

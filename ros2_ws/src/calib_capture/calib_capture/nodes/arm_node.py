@@ -253,7 +253,7 @@ COMMAND = NodeCommand('calib_capture', 'arm', ABOUT, EXAMPLE, read_parameters)
 
 def main() -> int:
     """Run the node until it is told to stop; 2 when a parameter or a file cannot be used."""
-    return run_command(lambda: run_node(COMMAND, ArmNode, lean_executor), interrupted=0)
+    return run_command(lambda: run_node(COMMAND, ArmNode, lean_executor))
 
 
 if __name__ == '__main__':

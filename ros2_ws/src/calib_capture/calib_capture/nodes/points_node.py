@@ -165,9 +165,7 @@ COMMAND = NodeCommand('calib_capture', 'capture_points', ABOUT, EXAMPLE, read_pa
 
 def main() -> int:
     """Record points until Ctrl-C or SIGTERM; 2 when that cannot be done."""
-    return run_command(
-        lambda: run_node(COMMAND, PointsNode, lean_executor, PointsNode.end), interrupted=0
-    )
+    return run_command(lambda: run_node(COMMAND, PointsNode, lean_executor, PointsNode.end))
 
 
 if __name__ == '__main__':

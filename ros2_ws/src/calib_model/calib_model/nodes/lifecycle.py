@@ -113,7 +113,7 @@ class _Stop:
             os.kill(os.getpid(), number)
         elif not self.asked:
             self.asked, self._since = True, now
-            end_at_the_latest(0)
+            end_at_the_latest()
 
 
 def run_node(

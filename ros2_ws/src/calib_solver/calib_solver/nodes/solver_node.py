@@ -152,9 +152,7 @@ COMMAND = NodeCommand('calib_solver', 'solver', ABOUT, EXAMPLE, read_parameters)
 
 def main() -> int:
     """Entry point: serves until Ctrl-C; 2 when an argument cannot be used."""
-    return run_command(
-        lambda: run_node(COMMAND, SolverNode, _executor, SolverNode.end_work), interrupted=0
-    )
+    return run_command(lambda: run_node(COMMAND, SolverNode, _executor, SolverNode.end_work))
 
 
 if __name__ == '__main__':

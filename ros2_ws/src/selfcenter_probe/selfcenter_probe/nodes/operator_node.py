@@ -206,7 +206,7 @@ COMMAND = NodeCommand('selfcenter_probe', 'operator', ABOUT, EXAMPLE, read_param
 
 def main() -> int:
     """Run the node until it is told to stop; 2 when a parameter or a file cannot be used."""
-    return run_command(lambda: run_node(COMMAND, OperatorNode), interrupted=0)
+    return run_command(lambda: run_node(COMMAND, OperatorNode))
 
 
 if __name__ == '__main__':

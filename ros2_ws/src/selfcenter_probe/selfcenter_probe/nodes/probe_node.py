@@ -222,7 +222,7 @@ COMMAND = NodeCommand('selfcenter_probe', 'probe', ABOUT, EXAMPLE, read_paramete
 
 def main() -> int:
     """Run the node until it is told to stop; 2 when a parameter or a file cannot be used."""
-    return run_command(lambda: run_node(COMMAND, ProbeNode, lean_executor), interrupted=0)
+    return run_command(lambda: run_node(COMMAND, ProbeNode, lean_executor))
 
 
 if __name__ == '__main__':
