@@ -18,6 +18,7 @@ from calib_model.pairing import Outcome, Refusal
 
 STUCK = 1.5  # s that an arm stands on its way
 STANDS = 0.1  # s before an arm counts as standing that nobody commanded there
+RESTLESS = 3.0  # s that such an arm may take to come to rest
 
 
 class MeasuringRun:
@@ -51,6 +52,7 @@ class MeasuringRun:
         self.motion = CommandedMotion(settings.whole_limits(arm), settings.stamps)
         self.paused = False
         self._poseless = False  # whether it was last commanded to where no pose is
+        self._restless_since: float | None = None
         self._patience = Patience(settings, self.tally, program.seconds, now)
         self._gauge: OneGauge | None = None
         if settings.carried and program.poses:
@@ -161,6 +163,21 @@ class MeasuringRun:
             return False
         return not any(self.where.near(pose.joints, here) for pose in self.poses.open)
 
+    def refuse_restless(self, now: float) -> None:
+        """Nothing, while an arm that is on no way of ours may yet come to rest.
+
+        Raises:
+            RunError: it has had the time to.
+        """
+        where = self.where
+        waits = where.known and where.goal is None and self.motion.stopped
+        if not waits or where.held >= STANDS or self.paused or self.awaits is not None:
+            self._restless_since = None
+        elif self._restless_since is None:
+            self._restless_since = now
+        elif now - self._restless_since > RESTLESS:
+            raise where.restless()
+
     def close_batch(self, now: float) -> None:
         """Give up waiting for the open poses; each is tried once more, then refused.
 
@@ -198,6 +215,7 @@ class MeasuringRun:
 
     def excuse(self) -> None:
         """What becomes of the open poses is not theirs to answer for: this attempt counts not."""
+        self._restless_since = None
         self.poses.excuse_open()
 
     def _take_back(self) -> None:

@@ -54,6 +54,7 @@ class Whereabouts:
         self._names, self._tolerance = joint_names, tolerance
         self._newest: Array | None = None
         self._stands = StandingMean(STILL)
+        self._step: Array | None = None  # rad, by which it last left where it stood
         self.goal: Array | None = None
         self.heard = True  # whether there was a joint state since the command
         self._left = True  # whether it has moved since then
@@ -61,7 +62,10 @@ class Whereabouts:
     def see(self, joints: Array, stamp: int) -> bool:
         """The joints (n,) at a stamp (ns); whether that is a sign of life: the arm moves, or was
         not heard since its command."""
+        stood = self._stands.mean
         moved = self._stands.see(joints, stamp)
+        if moved and stood is not None:
+            self._step = joints - stood
         alive = moved or not self.heard
         self._left, self.heard = self._left or moved, True
         self._newest = joints
@@ -115,6 +119,16 @@ class Whereabouts:
         if self._newest is None or self.goal is None or not self._left:
             return False
         return self.held >= hold - STAMP_STEP and self.near(self._newest, self.goal)
+
+    def restless(self) -> RunError:
+        """What to say of an arm that has not come to rest."""
+        step = np.zeros(len(self._names)) if self._step is None else np.abs(self._step)
+        joint = int(np.argmax(step))
+        return RunError(
+            f'the arm does not come to rest: {self._names[joint]} moves or scatters by '
+            f'{step[joint]:.2g} rad, where {STILL:g} are still; does something else move it, or '
+            'are its joint states in another unit than rad?'
+        )
 
     def refuse_standstill(self) -> None:
         """Nothing, where the arm has come to where it was commanded to.

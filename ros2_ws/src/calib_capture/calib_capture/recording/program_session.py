@@ -99,7 +99,7 @@ class ProgramSession:
         """Do what is due without a message: save, give up waiting, command.
 
         Raises:
-            RunError: nothing has come of any pose for too long.
+            RunError: nothing has come of any pose for too long, or the arm does not come to rest.
         """
         now = self._clock()
         if self._stale(now):
@@ -113,6 +113,7 @@ class ProgramSession:
             self._lost = False
             if not self._paused:
                 self.run.go_on(now)
+        self.run.refuse_restless(now)
         if self._halting:
             self._stop_arm(now)
         if self.run.stuck(now) and not self._stale(now):

@@ -59,6 +59,37 @@ def run(kr5, program):
     return run
 
 
+def restless(run, step, seconds, rate=250, begin=1.0):
+    """The arm's third joint is `step` rad to and fro, for so many seconds; asked all the while."""
+    for k in range(round(seconds * rate)):
+        joints = np.zeros(6)
+        joints[2] = step * ((k + 1) % 2)
+        now = begin + k / rate
+        run.see(joints, round(now * SECOND), now)
+        run.refuse_restless(now)
+        assert run.next_trajectory(now) is None
+
+
+def test_an_arm_that_never_comes_to_rest_is_told_by_its_joint(kr5, program):
+    run = MeasuringRun(kr5, program, SETTINGS, 0.0)
+    with pytest.raises(RunError, match=f'{kr5.joint_names[2]} moves or scatters by 0.0021 rad'):
+        restless(run, 2.1e-3, 4.0)
+
+
+def test_time_that_nobody_could_tell_does_not_count_as_restless(kr5, program):
+    run = MeasuringRun(kr5, program, SETTINGS, 0.0)
+    restless(run, 2.1e-3, 2.4)
+    run.excuse()  # the stream was silent
+    restless(run, 2.1e-3, 2.4, begin=30.0)
+    run.pause()
+    run.refuse_restless(40.0)
+    run.go_on(41.0)
+    restless(run, 2.1e-3, 2.4, begin=41.0)
+    run.see(HOME, 50 * SECOND, 50.0)
+    run.see(HOME, 51 * SECOND, 51.0)
+    assert run.next_trajectory(51.0) is not None
+
+
 def test_an_arm_comes_and_leaves_by_the_approach_also_from_batch_to_batch(kr5):
     def pose(i):
         way = np.array([[0.1 * i + 0.02] * 6, [0.1 * i + 0.01] * 6])
