@@ -18,7 +18,7 @@ from calib_model.pairing import Outcome, Refusal
 
 STUCK = 1.5  # s that an arm stands on its way
 STANDS = 0.1  # s before an arm counts as standing that nobody commanded there
-RESTLESS = 3.0  # s that such an arm may take to come to rest
+RESTLESS = 3.0  # s, of ours and of its stamps, that such an arm may take to come to rest
 
 
 class MeasuringRun:
@@ -52,7 +52,7 @@ class MeasuringRun:
         self.motion = CommandedMotion(settings.whole_limits(arm), settings.stamps)
         self.paused = False
         self._poseless = False  # whether it was last commanded to where no pose is
-        self._restless_since: float | None = None
+        self._restless_since: tuple[float, float] | None = None  # s, of ours and of its stamps
         self._patience = Patience(settings, self.tally, program.seconds, now)
         self._gauge: OneGauge | None = None
         if settings.carried and program.poses:
@@ -173,9 +173,9 @@ class MeasuringRun:
         waits = where.known and where.goal is None and self.motion.stopped
         if not waits or where.held >= STANDS or self.paused or self.awaits is not None:
             self._restless_since = None
-        elif self._restless_since is None:
-            self._restless_since = now
-        elif now - self._restless_since > RESTLESS:
+            return
+        begun = self._restless_since = self._restless_since or (now, where.seconds)
+        if min(now - begun[0], where.seconds - begun[1]) > RESTLESS:
             raise where.restless()
 
     def close_batch(self, now: float) -> None:

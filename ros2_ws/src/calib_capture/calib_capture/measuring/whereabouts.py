@@ -45,6 +45,11 @@ class StandingMean:
         """Seconds since they came here."""
         return (self._last - self._since) / SECOND
 
+    @property
+    def seconds(self) -> float:
+        """The newest stamp, s."""
+        return self._last / SECOND
+
 
 class Whereabouts:
     """Sees the joint states; `goal` (n,) is where the arm was commanded to be, None where nobody
@@ -99,6 +104,11 @@ class Whereabouts:
     def held(self) -> float:
         """For how many s it has stood where it is."""
         return self._stands.held
+
+    @property
+    def seconds(self) -> float:
+        """The stamp at which it was last seen, s."""
+        return self._stands.seconds
 
     @property
     def start(self) -> Array:

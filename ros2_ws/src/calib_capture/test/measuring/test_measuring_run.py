@@ -59,13 +59,14 @@ def run(kr5, program):
     return run
 
 
-def restless(run, step, seconds, rate=250, begin=1.0):
-    """The arm's third joint is `step` rad to and fro, for so many seconds; asked all the while."""
+def restless(run, step, seconds, rate=250, begin=1.0, pace=1.0):
+    """The arm's third joint is `step` rad to and fro, for so many seconds, in which `pace` times as
+    many pass for it; asked all the while."""
     for k in range(round(seconds * rate)):
         joints = np.zeros(6)
         joints[2] = step * ((k + 1) % 2)
         now = begin + k / rate
-        run.see(joints, round(now * SECOND), now)
+        run.see(joints, round(now * pace * SECOND), now)
         run.refuse_restless(now)
         assert run.next_trajectory(now) is None
 
@@ -74,6 +75,11 @@ def test_an_arm_that_never_comes_to_rest_is_told_by_its_joint(kr5, program):
     run = MeasuringRun(kr5, program, SETTINGS, 0.0)
     with pytest.raises(RunError, match=f'{kr5.joint_names[2]} moves or scatters by 0.0021 rad'):
         restless(run, 2.1e-3, 4.0)
+
+
+@pytest.mark.parametrize('pace', [0.2, 0.0])
+def test_a_slow_simulation_has_its_own_time_to_come_to_rest(kr5, program, pace):
+    restless(MeasuringRun(kr5, program, SETTINGS, 0.0), 2.1e-3, 9.0, pace=pace)
 
 
 def test_time_that_nobody_could_tell_does_not_count_as_restless(kr5, program):

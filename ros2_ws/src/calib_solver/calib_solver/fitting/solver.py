@@ -31,7 +31,8 @@ Accumulate = Callable[[Problem, ParameterTable, Array], SphereSums]
 @dataclass(frozen=True)
 class Solver(Minimiser[Problem]):
     """What is minimised over which parameters: a table, an objective with its prior, and how the
-    poses are passed over. It holds no state: where a solution has come to is a `Descent`."""
+    poses are passed over. Where a solution has come to is a `Descent`: what a solver remembers, its
+    latest sums and its last solution, saves doing them again and changes no result."""
 
     passes: Accumulate
     follows: bool = False  # the widths of the prior are those that another objective found
