@@ -8,6 +8,7 @@ import pytest
 
 from calib_model.command_line import CommandParser, number_from, run_command, whole_from
 from calib_model.errors import CalibrationError
+from calib_model.starting import ENDING
 
 
 def raising(error: BaseException) -> int:
@@ -247,10 +248,10 @@ def test_numbers_out_of_range_name_their_option(
     assert parser.parse_args(['--share', '0.5', '--count', '9']).count == 9
 
 
-@pytest.mark.parametrize('number', ['SIGINT', 'SIGTERM', 'SIGHUP'])
+@pytest.mark.parametrize('number', ENDING, ids=lambda number: number.name)
 @pytest.mark.parametrize(('room', 'code'), [('nodes', 0), ('commands', 130)])
 def test_what_is_told_to_end_before_it_minds_signals_ends_as_its_room_says(
-    room: str, code: int, number: str, tmp_path: Path
+    room: str, code: int, number: signal.Signals, tmp_path: Path
 ) -> None:
     folder = tmp_path / 'rover' / room
     folder.mkdir(parents=True)
@@ -261,10 +262,17 @@ def test_what_is_told_to_end_before_it_minds_signals_ends_as_its_room_says(
 import os, signal, sys, time
 from calib_model.command_line import run_command
 def work():
-    os.kill(os.getpid(), signal.{number})
+    os.kill(os.getpid(), {int(number)})
     time.sleep(10)
 sys.exit(run_command(work))
 """)
     words = [sys.executable, '-m', f'rover.{room}.drive']
-    ran = subprocess.run(words, cwd=tmp_path, capture_output=True, timeout=30, check=False)
+    ran = subprocess.run(
+        words,
+        cwd=tmp_path,
+        capture_output=True,
+        timeout=30,
+        check=False,
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),  # nohup has it ignored
+    )
     assert (ran.returncode, ran.stdout, ran.stderr) == (code, b'', b'')
