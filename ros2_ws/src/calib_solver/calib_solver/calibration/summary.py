@@ -57,7 +57,7 @@ def summary_text(calibration: Calibration) -> str:
     lines.append(scale_words(done.problem.measured.gauge))
     if calibration.record['resampling'] is not None:
         lines += resampling_lines(calibration.record['resampling'])
-    lines += prior_lines(calibration.record['diagnostics']['prior'])
+    lines += prior_lines(calibration.record)
     lines.append(calibration.verdict)
     lines += [f'wrote {path}' for path in calibration.written]
     return '\n'.join(lines)
@@ -95,7 +95,7 @@ def point_summary_text(calibration: PointCalibration) -> str:
     lines.append(noise)
     if record['resampling'] is not None:
         lines += resampling_lines(record['resampling'], 'points')
-    lines += prior_lines(checks['prior'])
+    lines += prior_lines(record)
     lines.append(calibration.verdict)
     lines += [f'wrote {path}' for path in calibration.written]
     return '\n'.join(lines)
@@ -167,7 +167,7 @@ def sure_lines(record: Record) -> list[str]:
 
 def prior_lines(record: Record) -> list[str]:
     """What widths came out where these were left to the evidence."""
-    return [prior_words(record)] if record['widths'] else []
+    return [prior_words(record)] if record['diagnostics']['prior']['widths'] else []
 
 
 def table(record: Record) -> list[str]:

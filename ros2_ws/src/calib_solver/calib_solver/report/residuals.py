@@ -117,4 +117,4 @@ def solver(record: Record) -> str:
         f'{checks["free"]} directions are told by the poses, condition '
         f'{"infinite" if condition is None else f"{condition:,.0f}"}.'
     )
-    return paragraph(text) + paragraph(prior_words(checks['prior']))
+    return paragraph(text) + paragraph(prior_words(record))

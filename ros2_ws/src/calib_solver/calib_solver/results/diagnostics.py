@@ -10,7 +10,7 @@ import numpy as np
 
 from calib_model.arrays import Array
 from calib_model.instruments import Gauge
-from calib_solver.fitting import Options
+from calib_solver.fitting import USUAL_PRIOR, Options
 from calib_solver.identified import Identification
 
 #: kinds of an arm's parameters, for people
@@ -86,8 +86,10 @@ def prior_record(done: Chosen) -> dict[str, Any]:
     }
 
 
-def prior_words(record: dict[str, Any]) -> str:
-    """What the prior was, in words for people; `record` as `prior_record` has it."""
+def prior_words(result: dict[str, Any]) -> str:
+    """What the prior was, and which kinds were found further off than is usual, in words for
+    people; `result` is a result's record."""
+    record = result['diagnostics']['prior']
     if record['strength'] == 0:
         return 'No prior: the poses alone decide.'
     times = {one['kind']: one['times'] for one in record['widths']}
@@ -98,11 +100,24 @@ def prior_words(record: dict[str, Any]) -> str:
     )
     text = f'The prior is as wide as the poses say, times what is usual: {widths}.'
     far = [
-        f"this arm's {KINDS[kind]} are {_two_digits(times[kind])} times"
-        for kind in KINDS
-        if times.get(kind, 0.0) > FURTHER
+        f"this arm's {KINDS[kind]} are {_two_digits(off)} times"
+        for kind, off in _found_off(result['parameters']).items()
+        if off > FURTHER
     ]
     return f'{text} Further off than is usual: {", ".join(far)}.' if far else text
+
+
+def _found_off(parameters: list[dict[str, Any]]) -> dict[str, float]:
+    """Times what is usual, how far off each of KINDS was found (root mean square). How wide a kind
+    is held tells less: the others count in that."""
+    offsets: dict[str, list[float]] = {kind: [] for kind in KINDS}
+    for one in parameters:
+        kind = one['name'].rstrip('0123456789').rstrip('_')
+        if one['free'] and kind in offsets:
+            offsets[kind].append((one['identified'] - one['initial']) / USUAL_PRIOR.sigma[kind])
+    return {
+        kind: float(np.sqrt(np.mean(np.square(each)))) for kind, each in offsets.items() if each
+    }
 
 
 def _two_digits(size: float) -> str:
