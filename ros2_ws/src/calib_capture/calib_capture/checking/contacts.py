@@ -16,7 +16,8 @@ from calib_capture.checking.hypotheses import (
 from calib_capture.checking.signs import Told, fits, told_by
 from calib_capture.checking.streams import Heard, arrival_offset
 from calib_model.arrays import Array
-from calib_model.instruments import ActiveProbe, Arm, Gauge
+from calib_model.instruments import ActiveProbe, Arm, Gauge, known_centers
+from calib_model.kinematics import points
 from calib_model.pairing import Reading, interpolated
 from calib_model.stamps import SECOND
 
@@ -99,6 +100,18 @@ def told_of(arm: Arm, probe: ActiveProbe, gauge: Gauge, heard: Heard, contact: C
     late = (told.found or told.plain).late
     again = contact_of(heard, late) if abs(late - contact.shift) > AGAIN else None
     return told if again is None else told_by(arm, probe, gauge, again)
+
+
+def apart(
+    arm: Arm, probe: ActiveProbe, gauge: Gauge, touches: tuple[Array, Array], places: Array
+) -> Array:
+    """How far (N, M), m, the sphere is from each of `places` (M, 3) that touches the styli, as
+    described, by joints (N, n) and displacements (N, 3); NaN where no sphere gives these."""
+    joints, displacement = touches
+    p_probe = known_centers(probe, displacement, gauge.sphere_diameter)
+    p_base = points(arm, joints, probe.flange_T_probe.apply(p_probe))
+    distances: Array = np.linalg.norm(p_base[:, None] - places[None], axis=2)
+    return distances
 
 
 def stuck(contact: Contact) -> int | None:

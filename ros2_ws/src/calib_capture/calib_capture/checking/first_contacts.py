@@ -7,13 +7,12 @@ from collections import deque
 
 import numpy as np
 
-from calib_capture.checking.contacts import AGAIN, FEWEST, in_step, noise_of, told_of
+from calib_capture.checking.contacts import AGAIN, FEWEST, apart, in_step, noise_of, told_of
 from calib_capture.checking.hypotheses import AS_DESCRIBED, Explained, explained
 from calib_capture.checking.signs import SURELY, fits
 from calib_capture.checking.streams import Heard
 from calib_model.arrays import Array
-from calib_model.instruments import ActiveProbe, Arm, Gauge, known_centers
-from calib_model.kinematics import points
+from calib_model.instruments import ActiveProbe, Arm, Gauge
 from calib_model.pairing import JointSample, Reading, Status
 from calib_model.stamps import SECOND
 
@@ -64,7 +63,7 @@ class FirstContacts:
         if touching and begin is None:
             self._contact = newest
             if heard.joints:
-                self._astray = max(self._astray, self._apart(heard.joints[-1], message))
+                self._astray = max(self._astray, self._off_places(heard.joints[-1], message))
         elif not touching and begin is not None:
             self._contact = None
             return self._told(heard, begin, newest)
@@ -108,15 +107,12 @@ class FirstContacts:
             self._empty.add(pose)
         return len(self._empty) >= (1 if self._astray > ASTRAY else EMPTY)
 
-    def _apart(self, sample: JointSample, touch: Reading) -> float:
+    def _off_places(self, sample: JointSample, touch: Reading) -> float:
         """How far from the nearest place (m) the sphere is that is touched, as described; 0 where
         that is not known."""
-        displacement = np.asarray(touch.displacement)[None]
-        p_probe = known_centers(self._probe, displacement, self._gauge.sphere_diameter)
-        p_flange = self._probe.flange_T_probe.apply(p_probe)
-        p_base = points(self._arm, np.asarray(sample.joints)[None], p_flange)
-        apart = np.linalg.norm(self._places - p_base, axis=1)
-        return float(np.nanmin(apart)) if np.isfinite(apart).any() else 0.0
+        touches = np.asarray(sample.joints)[None], np.asarray(touch.displacement)[None]
+        distances = apart(self._arm, self._probe, self._gauge, touches, self._places)
+        return float(np.nanmin(distances)) if np.isfinite(distances).any() else 0.0
 
     def _unmet(self) -> str:
         poses = f'{len(self._empty)} poses' if len(self._empty) > 1 else 'pose'

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib_capture.checking.contacts import contact_of
+from calib_capture.checking.contacts import apart, contact_of
 from calib_capture.checking.finding import WRONG
 from calib_capture.checking.first_contacts import ROWS, FirstContacts, clock_apart
 from calib_capture.checking.hypotheses import AS_DESCRIBED, Contact, Explained, explained
@@ -17,8 +17,7 @@ from calib_capture.checking.signs import CLEARLY, fits, told_by
 from calib_capture.checking.streams import SLOW, Heard, arrivals, nearest_arrival
 from calib_capture.checking.units import joint_units
 from calib_model.arrays import Array
-from calib_model.instruments import ActiveProbe, Arm, Gauge, known_centers
-from calib_model.kinematics import points
+from calib_model.instruments import ActiveProbe, Arm, Gauge
 from calib_model.pairing import NOISIEST, JointSample, Reading, Reason, SteadySettings
 from calib_model.stamps import SECOND
 
@@ -209,8 +208,7 @@ class FirstSeconds:
 
     def _by_sphere(self, contact: Contact) -> Contact:
         """With the sphere that each reading is of: the nearest one."""
-        p_probe = known_centers(self._probe, contact.displacement, self._gauge.sphere_diameter)
-        p_base = points(self._arm, contact.joints, self._probe.flange_T_probe.apply(p_probe))
-        apart = np.linalg.norm(p_base[:, None] - self._places[None], axis=2)
-        nearest = np.argmin(np.where(np.isnan(apart), np.inf, apart), axis=1)
+        touches = contact.joints, contact.displacement
+        distances = apart(self._arm, self._probe, self._gauge, touches, self._places)
+        nearest = np.argmin(np.where(np.isnan(distances), np.inf, distances), axis=1)
         return replace(contact, sphere=nearest.astype(np.int64))

@@ -23,6 +23,7 @@ class StandingMean:
         self._sum: Array | None = None
         self._count = 0
         self._since = self._last = 0
+        self.step: Array | None = None  # (n,) rad, by which they last left where they were
 
     def see(self, joints: Array, stamp: int) -> bool:
         """The joints (n,) at a stamp (ns); whether they have left where they were."""
@@ -32,6 +33,7 @@ class StandingMean:
         if here is not None and largest_difference(joints, here / self._count) <= self._tolerance:
             self._sum, self._count = here + joints, self._count + 1
             return False
+        self.step = None if here is None else joints - here / self._count
         self._sum, self._count, self._since = joints.copy(), 1, stamp
         return True
 
@@ -59,7 +61,6 @@ class Whereabouts:
         self._names, self._tolerance = joint_names, tolerance
         self._newest: Array | None = None
         self._stands = StandingMean(STILL)
-        self._step: Array | None = None  # rad, by which it last left where it stood
         self.goal: Array | None = None
         self.heard = True  # whether there was a joint state since the command
         self._left = True  # whether it has moved since then
@@ -67,10 +68,7 @@ class Whereabouts:
     def see(self, joints: Array, stamp: int) -> bool:
         """The joints (n,) at a stamp (ns); whether that is a sign of life: the arm moves, or was
         not heard since its command."""
-        stood = self._stands.mean
         moved = self._stands.see(joints, stamp)
-        if moved and stood is not None:
-            self._step = joints - stood
         alive = moved or not self.heard
         self._left, self.heard = self._left or moved, True
         self._newest = joints
@@ -132,7 +130,9 @@ class Whereabouts:
 
     def restless(self) -> RunError:
         """What to say of an arm that has not come to rest."""
-        step = np.zeros(len(self._names)) if self._step is None else np.abs(self._step)
+        step = (
+            np.zeros(len(self._names)) if self._stands.step is None else np.abs(self._stands.step)
+        )
         joint = int(np.argmax(step))
         return RunError(
             f'the arm does not come to rest: {self._names[joint]} moves or scatters by '
