@@ -18,6 +18,13 @@ def raising(error: BaseException) -> int:
     return run_command(work)
 
 
+def ended(code: str, within: float) -> tuple[int, bytes, bytes]:
+    """The exit code of a program, and what it printed, at most `within` s after its start."""
+    words = [sys.executable, '-c', code]
+    ran = subprocess.run(words, capture_output=True, timeout=within, check=False)
+    return ran.returncode, ran.stdout, ran.stderr
+
+
 def test_an_error_is_one_line_and_exit_code_2(capsys: pytest.CaptureFixture[str]) -> None:
     assert raising(CalibrationError('bag.mcap: damaged\n  somewhere')) == 2
     out, err = capsys.readouterr()
@@ -47,8 +54,7 @@ signal.signal = then_it_comes
 starting._Program.code = 130 if {begin} else None
 sys.exit(command_line.run_command(lambda: print('never')))
 """
-    ran = subprocess.run([sys.executable, '-c', code], capture_output=True, timeout=30, check=False)
-    assert (ran.returncode, ran.stdout, ran.stderr) == (130, b'', b'')
+    assert ended(code, within=30) == (130, b'', b'')
 
 
 def test_an_interrupt_that_became_another_exception_on_its_way_is_130() -> None:
@@ -81,8 +87,7 @@ def work():
     print('never')
 sys.exit(run_command(work))
 """
-    ran = subprocess.run([sys.executable, '-c', code], capture_output=True, timeout=15, check=False)
-    assert (ran.returncode, ran.stdout, ran.stderr) == (130, b'', b'')
+    assert ended(code, within=15) == (130, b'', b'')
 
 
 def test_an_interrupt_comes_again_until_it_is_heard() -> None:
@@ -102,8 +107,7 @@ def work():
     print('never')
 sys.exit(run_command(work))
 """
-    ran = subprocess.run([sys.executable, '-c', code], capture_output=True, timeout=15, check=False)
-    assert (ran.returncode, ran.stdout, ran.stderr) == (130, b'', b'')
+    assert ended(code, within=15) == (130, b'', b'')
 
 
 def test_an_interrupt_that_a_library_prints_comes_again() -> None:
@@ -117,8 +121,7 @@ def work():
     print('never')
 sys.exit(run_command(work))
 """
-    ran = subprocess.run([sys.executable, '-c', code], capture_output=True, timeout=15, check=False)
-    assert (ran.returncode, ran.stdout, ran.stderr) == (130, b'', b'')
+    assert ended(code, within=15) == (130, b'', b'')
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

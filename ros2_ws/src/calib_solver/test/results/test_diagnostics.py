@@ -8,14 +8,17 @@ from simulated_calibration import active, kr5, simulate
 
 from calib_model.bags import write_measurement
 from calib_solver.commands.identify import run as calibrate
+from calib_solver.fitting import USUAL_PRIOR
 from calib_solver.results.diagnostics import prior_words
 
 
 def test_widths_are_told_in_two_digits_as_people_write_them():
     widths = [{'kind': 'theta_0', 'times': 1234.5}, {'kind': 'a', 'times': 0.5274}]
+    zero = 1234.5 * USUAL_PRIOR.sigma['theta_0']
+    found = {'name': 'theta_0_2', 'free': True, 'initial': 0.5, 'identified': 0.5 + zero}
     prior = {'strength': 1.0, 'widths': widths}
-    said = prior_words({'diagnostics': {'prior': prior}, 'parameters': []})
-    assert 'zeros 1200, lengths a 0.53' in said and 'Further off' not in said
+    said = prior_words({'diagnostics': {'prior': prior}, 'parameters': [found]})
+    assert 'zeros 1200, lengths a 0.53' in said and "this arm's zeros are 1200 times" in said
 
 
 def test_only_what_was_found_far_off_is_called_that(tmp_path):
