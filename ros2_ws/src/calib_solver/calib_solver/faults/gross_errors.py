@@ -181,10 +181,13 @@ def _deviations(
     there, both (N,), m.
 
     Usual is the median of the `judging` poses, of all or of the sphere's own where that is larger,
-    within reason: postures differ in how far they carry the joints' errors.
+    within reason: postures differ in how far they carry the joints' errors. A few spheres of three
+    poses do not speak for many of two.
     """
     away = np.linalg.norm(points - np.repeat(centers, problem.counts, axis=0), axis=1)
     several = np.repeat(problem.counts > 2, problem.counts) & judging
+    if 2 * several.sum() < judging.sum():
+        several = np.repeat(problem.counts > 1, problem.counts) & judging
     of_all = float(median(away[several if several.any() else judging]))
     usual = np.empty(len(away))
     for s in range(len(problem.keys)):

@@ -40,6 +40,10 @@ LOWER = 0.25
 FEW, APART = 1.5, 3e-4
 #: m, a residual is held to be no less where there are few
 FEW_NOISE = 1e-7
+#: m, the same of a guide's: arm, probe and gauge do not repeat better than that
+GUIDE_NOISE = 3e-6
+#: m, what one is held to be from where a guide led: next to nothing, as the prior has been heard
+LED_NOISE = 1e-9
 #: so many offsets of each kind count as seen beforehand
 BEFOREHAND = 2.0
 #: widths are settled when none changes by more than this part
@@ -193,26 +197,31 @@ class Settled:
 
 
 def minimise_by_evidence(
-    evaluate: Evaluate, start: Array, group: Group, times: Array | None, least_noise: float = 0.0
+    evaluate: Evaluate,
+    start: Array,
+    group: Group,
+    times: Array | None,
+    least_noise: float = 0.0,
+    guide: Evaluate | None = None,
 ) -> Settled:
     """Minimise from offsets `start` (F,) with widths that follow the evidence.
 
     Without `times` (K,) they begin weak, weighed by a small noise: at a start far off the
     residuals are large, and a prior weighed by these would hold the fit there. Where that leaves
     doubts, other ways are tried from the same start, and the one the evidence is for is taken.
+
+    Where terms are few, a `guide` leads, another objective of the same measurements that tells
+    more: it gives the widths and the place from which hardly any prior is left. Distances along a
+    straight bar go with the square of a sphere's offset across it: a long, bent valley, and the
+    prior would go down its floor.
     """
-    held: tuple[Fit, ...]
-    if times is not None:
-        information = group.information(times)
-        held = (group.minimised(evaluate, start, information, least_noise, rough=True),)
-        return _tightened(evaluate, held, group, times, least_noise)
-    weak = group.weak()
-    held = _weakly_held(evaluate, start, group, weak, least_noise)
-    first = _tightened(evaluate, held, group, weak, least_noise)
-    if not _doubtful(first):
+    if guide is not None and evaluate(start).terms < FEW * len(start):
+        return _led(evaluate, guide, start, group, times, least_noise)
+    first = _begun(evaluate, start, group, times, least_noise)
+    if times is not None or not _doubtful(first):
         return first
     found = [first]
-    for way in (first.times, np.ones(len(weak)), None):
+    for way in (first.times, np.ones(len(first.times)), None):
         held = _other(evaluate, start, group, way, least_noise)
         found.append(
             _tightened(evaluate, held, group, first.times if way is None else way, least_noise)
@@ -220,6 +229,42 @@ def minimise_by_evidence(
     best = max(found, key=lambda one: one.evidence)
     every = tuple(fit for one in found if one is not best for fit in one.fits)
     return Settled((*every, *best.fits), best.times, best.evidence)
+
+
+def _begun(
+    evaluate: Evaluate, start: Array, group: Group, times: Array | None, least_noise: float
+) -> Settled:
+    """Widths and minimum, from `times` (K,) that were found before or from weak ones."""
+    held: tuple[Fit, ...]
+    if times is None:
+        times = group.weak()
+        held = _weakly_held(evaluate, start, group, times, least_noise)
+    else:
+        information = group.information(times)
+        held = (group.minimised(evaluate, start, information, least_noise, rough=True),)
+    return _tightened(evaluate, held, group, times, least_noise)
+
+
+def _led(
+    evaluate: Evaluate,
+    guide: Evaluate,
+    start: Array,
+    group: Group,
+    times: Array | None,
+    least_noise: float,
+) -> Settled:
+    """The minimum next to that of a guide, which is in doubt where the guide's is."""
+    led = _begun(guide, start, group, times, max(least_noise, GUIDE_NOISE**2))
+    information = group.information(led.times)
+    fit = group.minimised(evaluate, led.fit.x, information, least_noise, LED_NOISE**2)
+    if not led.fit.converged:
+        fit = replace(fit, converged=False, reason=led.fit.reason)
+    elif fit.unseen.shape[1]:
+        reason = f'distances and scatter leave {fit.unseen.shape[1]} directions to eq. 10'
+        fit = replace(fit, reason=reason)
+    # what the guide came down is not the objective
+    on_the_way = tuple(replace(one, history=()) for one in led.fits)
+    return replace(led, fits=(*on_the_way, fit))
 
 
 def _doubtful(settled: Settled) -> bool:

@@ -14,7 +14,7 @@ from calib_model.arrays import Array
 from calib_model.errors import DataError, FitError, RankError
 from calib_model.kinematics import ParameterTable
 from calib_solver.fitting.evidence import Group, groups, minimise_by_evidence, widths
-from calib_solver.fitting.levenberg_marquardt import ROUNDING, Fit, minimise
+from calib_solver.fitting.levenberg_marquardt import ROUNDING, Evaluate, Fit, minimise
 from calib_solver.fitting.objectives import Quadratic
 from calib_solver.fitting.options import Options
 
@@ -87,6 +87,10 @@ class Minimiser(Generic[P]):
         """The objective at offsets x (F,) from the nominal parameters."""
         raise NotImplementedError
 
+    def guide(self, problem: P) -> Evaluate | None:
+        """What leads where the objective's terms are few, if anything tells more."""
+        return None
+
     @cached_property
     def nominal(self) -> Array:
         """The nominal values of the free parameters, (F,)."""
@@ -138,7 +142,12 @@ class Minimiser(Generic[P]):
         if descent.times is not None:
             times = np.array([descent.times.get(name, 1.0) for name in names])
         settled = minimise_by_evidence(
-            lambda x: self.value(problem, x), descent.x, group, times, descent.least_noise
+            lambda x: self.value(problem, x),
+            descent.x,
+            group,
+            times,
+            descent.least_noise,
+            self.guide(problem),
         )
         for fit in settled.fits:
             descent = descent.after(fit)

@@ -14,9 +14,10 @@ from calib_model.arrays import Array
 from calib_model.errors import RankError
 from calib_model.instruments import Arm, PassiveProbe, Probe
 from calib_model.kinematics import ParameterTable
-from calib_solver.fitting.levenberg_marquardt import Fit
+from calib_solver.fitting.levenberg_marquardt import Evaluate, Fit
 from calib_solver.fitting.minimiser import Descent, Minimiser
-from calib_solver.fitting.objectives import Objective, Quadratic, objective
+from calib_solver.fitting.objectives import Objective, Quadratic, objective, position
+from calib_solver.fitting.options import LEADING
 from calib_solver.fitting.pose_noise import pose_variance
 from calib_solver.fitting.probe_mount import ProbeFit, fit_probe
 from calib_solver.problem import Problem, SphereSums
@@ -72,6 +73,13 @@ class Solver(Minimiser[Problem]):
     def value(self, problem: Problem, x: Array) -> Quadratic:
         """The objective at offsets x."""
         return self.objective(problem, self.sums(problem, x))
+
+    def guide(self, problem: Problem) -> Evaluate | None:
+        """Eq. 10, which knows three spheres of a place by more than their distances."""
+        distances = self.options.objective == LEADING
+        if not distances or max(map(len, problem.placements), default=0) < 3:
+            return None
+        return lambda x: position(problem, self.sums(problem, x))
 
     def solve(self, problem: Problem, descent: Descent) -> tuple[Fit, Descent]:
         """The minimum, from where the descent has come to: there, if this solver led it there."""

@@ -71,6 +71,14 @@ def test_no_good_pose_is_lost(probe, seed):
     assert done.warnings == ()
 
 
+@pytest.mark.parametrize('seed', range(904, 907))
+def test_one_sphere_of_three_poses_among_pairs_does_not_say_what_is_usual(seed):
+    scene = simulate(kr5(), active(), seed, locations=2, poses=3, noise=1e-5)
+    rows = np.arange(len(scene.measured.poses))
+    pairs = scene.measured.poses.take((rows % 3 < 2) | (rows < 3))
+    assert identify(replace(scene.measured, poses=pairs), Options(quick=True)).rejected == ()
+
+
 @pytest.mark.slow
 def test_clean_poses_give_the_same_arm_with_and_without_looking_for_gross_errors(scene):
     plain = identify(scene.measured, Options(loss='plain'))

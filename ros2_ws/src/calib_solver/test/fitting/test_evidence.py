@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
-from simulated_calibration import GAUGE, Scene, kr5, passive, simulate
+from simulated_calibration import GAUGE, Scene, active, iiwa, kr5, passive, simulate
 
 from calib_model.measurement import Measurement, ProbingSet
 from calib_model.transforms import RigidTransform
@@ -119,3 +121,20 @@ def test_the_probes_mount_is_never_held_wider_than_it_can_be():
     width = DEFAULT_PRIOR.sigma['probe_translation'] * done.options.prior.times['probe_translation']
     assert width <= 0.5
     assert scene.prediction_error(done.arm, done.probe) < 5e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('seed', range(700, 704))
+def test_a_straight_bar_tells_in_few_poses_what_its_distances_alone_do_not(seed):
+    """Three or five of twelve spheres have two poses, the others one."""
+    arm, twice = (kr5(), 3) if seed % 2 == 0 else (iiwa(), 5)
+    scene = simulate(arm, active(), seed, locations=3, poses=2, noise=1e-5, errors=8.0)
+    poses = scene.measured.poses
+    rows = np.arange(len(poses))
+    few = replace(scene.measured, poses=poses.take((rows % 2 == 0) | (rows < 2 * twice)))
+    options = (Options(quick=True), Options(quick=True, objective='position'))
+    done, by_position = (identify(few, each) for each in options)
+    errors = [scene.prediction_error(one.arm, one.probe) for one in (done, by_position)]
+    assert errors[0] < 1.5 * errors[1]
+    assert not done.fit.converged
+    assert len(done.fit.history) <= done.fit.iterations
