@@ -91,9 +91,11 @@ def without_gross_errors(
         centers = _centers(problem, points, kept)
         away, usual = _deviations(problem, points, centers, stretch == 0)
         now_kept = _without_stuck(away / np.maximum(usual, LEAST_SIZE / FAR), stretch)
-        error, allowed = _judged_distances(problem, points, now_kept)
+        alike = np.array_equal(now_kept, kept)
+        known = (centers, usual) if alike and not stretch.any() else None
+        error, allowed = _judged_distances(problem, points, now_kept, known)
         now_moved = _moved_spheres(problem, error, allowed)
-        settled = np.array_equal(now_kept, kept) and now_moved == moved
+        settled = alike and now_moved == moved
         if moved:
             error, allowed = _judged_distances(current, there, now_kept)
         kept, moved = now_kept, now_moved
@@ -197,14 +199,19 @@ def _deviations(
     return away, usual
 
 
-def _judged_distances(problem: Problem, points: Array, kept: Mask) -> tuple[Array, Array]:
-    """The size of each distance error (M,) and what certificate and poses allow it, m."""
-    centers = _centers(problem, points, kept)
+def _judged_distances(
+    problem: Problem, points: Array, kept: Mask, known: tuple[Array, Array] | None = None
+) -> tuple[Array, Array]:
+    """The size of each distance error (M,) and what certificate and poses allow it, m; `known` are
+    the spheres' centres by the kept poses, and what is usual of all poses."""
+    if known is None:
+        centers = _centers(problem, points, kept)
+        known = centers, _deviations(problem, points, centers, np.ones_like(kept))[1]
+    centers, pose = known
     first, second = problem.pairs.T
     error = np.abs(np.linalg.norm(centers[first] - centers[second], axis=1) - problem.nominal)
     gauge = problem.measured.gauge
     certificate = np.array([gauge.distance_uncertainty(length) for length in problem.nominal])
-    _, pose = _deviations(problem, points, centers, np.ones_like(kept))
     of_center = pose[problem.start[:-1]] / np.sqrt(problem.counts)
     of_poses = np.linalg.norm(of_center[problem.pairs], axis=1)
     return error, FAR * (certificate + of_poses) + LEAST_SIZE

@@ -155,15 +155,14 @@ def widths(
     sigma, kind, count = group.sigma, group.kind, len(times)
     normal = sigma[:, None] * quadratic.normal * sigma
     gradient, at = sigma * quadratic.gradient, x / sigma
-    right = normal @ at - gradient
     for _ in range(MOST_UPDATES):
         held = times[kind]
         root = held[:, None] * normal * held / noise + np.eye(len(x))
         # what nothing tells may be so far out of scale that rounding takes the 1 of its width
         inverse = np.linalg.pinv(root)
-        offset = held * (inverse @ (held * right)) / noise
+        left = -held * (inverse @ (held * gradient / noise + at / held))
+        offset = at + left
         told: Array = np.clip(1 - np.diag(inverse), 0.0, 1.0)
-        left = offset - at
         phi = max(quadratic.phi + float(left @ (2 * gradient + normal @ left)), 0.0)
         before, noise_before = times, noise
         of_kind: Array = np.bincount(kind, told, count).astype(np.float64)

@@ -60,6 +60,25 @@ def test_the_widths_are_those_that_scipy_finds_most_likely(seed):
     assert np.all((found.told >= 0) & (found.told <= 1))
 
 
+@pytest.mark.parametrize('seed', range(5))
+def test_next_to_no_noise_leaves_the_evidence_its_digits(seed):
+    """Fewer residuals than parameters, which all but fit: 10 nm beside widths of centimetres."""
+    generator = np.random.default_rng(40 + seed)
+    sigma, kind = np.full(9, 2e-2), np.array([0, 1, 2] * 3)
+    group = Group(sigma, kind, np.zeros(9, dtype=bool), np.ones(3, dtype=bool))
+    slope = generator.normal(size=(7, 9)) * np.logspace(0, -2, 9)
+    measured = -slope @ (sigma * np.array([1.0, 4.0, 9.0])[kind] * generator.normal(size=9))
+    x = -np.linalg.pinv(slope) @ measured
+    residual, noise = measured + slope @ x + 1e-10 * generator.normal(size=7), 1e-16
+    quadratic = Quadratic(float(residual @ residual), slope.T @ residual, slope.T @ slope, 7.0)
+    found = widths(quadratic, x, noise, group, np.full(3, 10.0))
+    width = found.times[kind] * sigma
+    covariance = noise * np.eye(7) + (slope * width**2) @ slope.T
+    expected = multivariate_normal.logpdf(residual - slope @ x, np.zeros(7), covariance)
+    constant = -3.5 * np.log(2 * np.pi)
+    assert found.evidence + constant == pytest.approx(expected, abs=0.5)
+
+
 def test_what_is_not_told_at_all_stays_as_usual():
     nothing = Quadratic(1.0, np.zeros(3), np.zeros((3, 3)), 10.0)
     group = Group(
