@@ -6,7 +6,7 @@ The arm's `base_T_dh` and `dh_T_flange` stand before the first and behind the la
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -110,7 +110,8 @@ def points(arm: Arm, q: Array, p_flange: Array) -> Array:
         DataError: `q` has not the arm's number of joints.
     """
     turns, slides = _turns_and_slides(arm, q)
-    return _carried(arm, np.cos(turns), np.sin(turns), slides, p_flange)
+    cosine, sine = np.cos(turns), np.sin(turns)
+    return _carried(arm, lambda i: (cosine[i], sine[i], slides[i]), len(q), p_flange)
 
 
 def points_of_turned(arm: Arm, cosine: Array, sine: Array, slide: Array, p_flange: Array) -> Array:
@@ -119,28 +120,34 @@ def points_of_turned(arm: Arm, cosine: Array, sine: Array, slide: Array, p_flang
 
     These stay while the D-H parameters are sought.
     """
-    zero = arm.geometry[3, :, None]
-    slides = np.repeat(arm.geometry[2, :, None], cosine.shape[1], axis=1)
-    slides[arm.prismatic] += slide
-    return _carried(
-        arm,
-        np.cos(zero) * cosine + np.sin(zero) * sine,
-        np.cos(zero) * sine - np.sin(zero) * cosine,
-        slides,
-        p_flange,
-    )
+    d, theta_0 = arm.geometry[2:4]
+    moved = dict(zip(np.flatnonzero(arm.prismatic).tolist(), slide, strict=True))
+
+    def joint(i: int) -> tuple[Array, Array, Array]:
+        cos_zero, sin_zero = np.cos(theta_0[i]), np.sin(theta_0[i])
+        turned = (
+            cos_zero * cosine[i] + sin_zero * sine[i],
+            cos_zero * sine[i] - sin_zero * cosine[i],
+        )
+        return *turned, d[i] + moved.get(i, 0.0)
+
+    return _carried(arm, joint, cosine.shape[1], p_flange)
 
 
-def _carried(arm: Arm, cosines: Array, sines: Array, slides: Array, p_flange: Array) -> Array:
-    """Points of the flange in the base frame (N, 3), by what each joint turns and slides (n, N)."""
-    x, y, z = _in_last_frame(arm, p_flange, cosines.shape[1]).T
+def _carried(
+    arm: Arm, joint: Callable[[int], tuple[Array, Array, Array]], count: int, p_flange: Array
+) -> Array:
+    """Points of the flange in the base frame (N, 3), by the cosine and sine of what a joint turns
+    and by what it slides (N,), m. One joint at a time, as all of them are more than a cache holds.
+    """
+    x, y, z = _in_last_frame(arm, p_flange, count).T
     for i in reversed(range(arm.n)):
         a, alpha, _, _, beta = arm.geometry[:, i]
         if beta != 0.0:
             x, z = np.cos(beta) * x + np.sin(beta) * z, np.cos(beta) * z - np.sin(beta) * x
         y, z = np.cos(alpha) * y - np.sin(alpha) * z, np.sin(alpha) * y + np.cos(alpha) * z
-        x, z = x + a, z + slides[i]
-        cosine, sine = cosines[i], sines[i]
+        cosine, sine, slide = joint(i)
+        x, z = x + a, z + slide
         x, y = cosine * x - sine * y, sine * x + cosine * y
     p_dh = np.stack([x, y, z], axis=-1)
     return p_dh if arm.base_T_dh.is_identity else arm.base_T_dh.apply(p_dh)

@@ -169,9 +169,10 @@ def _weighted(problem: Problem, moved: Moved, weight: Array) -> Problem:
 def _centers(problem: Problem, points: Array, kept: Mask) -> Array:
     """The median point of each sphere (S, 3), of its kept poses where there are any."""
     centers = np.empty((len(problem.keys), 3))
+    every = bool(kept.all())
     for s in range(len(problem.keys)):
         rows = problem.rows(s)
-        own = points[rows][kept[rows]]
+        own = points[rows] if every else points[rows][kept[rows]]
         centers[s] = median(own if len(own) else points[rows])
     return centers
 
@@ -224,6 +225,8 @@ def _moved_spheres(problem: Problem, error: Array, allowed: Array) -> Moved:
         return {}
     bad = error > np.maximum(FAR_DISTANCE * median(error) + LEAST_SIZE, allowed)
     moved: Moved = {}
+    if not bad.any():
+        return moved
     for rows in problem.locations:
         here = bad & np.isin(problem.pairs[:, 0], rows)
         for number, group in enumerate(_split(problem.pairs[here])):

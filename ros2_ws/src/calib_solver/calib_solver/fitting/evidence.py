@@ -159,7 +159,7 @@ def widths(
         held = times[kind]
         root = held[:, None] * normal * held / noise + np.eye(len(x))
         # what nothing tells may be so far out of scale that rounding takes the 1 of its width
-        inverse = np.linalg.pinv(root)
+        inverse = np.linalg.pinv(root, hermitian=True)
         left = -held * (inverse @ (held * gradient / noise + at / held))
         offset = at + left
         told: Array = np.clip(1 - np.diag(inverse), 0.0, 1.0)
