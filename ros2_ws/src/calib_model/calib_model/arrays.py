@@ -22,6 +22,12 @@ def largest_difference(one: Array, other: Array) -> float:
     return max(map(abs, (one - other).tolist()))
 
 
+def lengths(vectors: Array) -> Array:
+    """How long vectors (N, k) are, (N,): of thousands numpy's own norm takes three times that."""
+    found: Array = np.sqrt(np.einsum('nk,nk->n', vectors, vectors))
+    return found
+
+
 def median(values: Array) -> Array:
     """The median along the first axis of finite values, NaN of none; numpy's own looks for NaN and
     for masked arrays first, which takes several times as long for a few hundred."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.arrays import Array, median
+from calib_model.arrays import Array, lengths, median
 from calib_solver.faults.stuck_styli import Stretch, set_apart
 from calib_solver.fitting import Descent, Solver
 from calib_solver.problem import IntArray, Problem
@@ -187,7 +187,7 @@ def _deviations(
     within reason: postures differ in how far they carry the joints' errors. A few spheres of three
     poses do not speak for many of two.
     """
-    away = np.linalg.norm(points - np.repeat(centers, problem.counts, axis=0), axis=1)
+    away = lengths(points - np.repeat(centers, problem.counts, axis=0))
     several = np.repeat(problem.counts > 2, problem.counts) & judging
     if 2 * several.sum() < judging.sum():
         several = np.repeat(problem.counts > 1, problem.counts) & judging

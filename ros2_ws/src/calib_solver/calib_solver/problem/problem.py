@@ -29,11 +29,12 @@ class Turned:
     @classmethod
     def of(cls, arm: Arm, joints: Array) -> Turned:
         """Of postures (N, n)."""
-        moved = arm.direction * arm.uncoupled(joints)
-        turned = np.where(arm.prismatic, 0.0, moved)
-        return cls(
-            frozen(np.cos(turned).T), frozen(np.sin(turned).T), frozen(moved[:, arm.prismatic].T)
-        )
+        moved = frozen((arm.direction * arm.uncoupled(joints)).T)
+        turned = np.where(arm.prismatic[:, None], 0.0, moved) if arm.prismatic.any() else moved
+        cosine, sine = np.cos(turned), np.sin(turned)
+        cosine.setflags(write=False)
+        sine.setflags(write=False)
+        return cls(cosine, sine, frozen(moved[arm.prismatic]))
 
     def take(self, rows: IntArray) -> Turned:
         """Of some of the postures."""

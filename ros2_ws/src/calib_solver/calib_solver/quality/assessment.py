@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib_model.arrays import Array
+from calib_model.arrays import Array, lengths
 from calib_model.instruments import Arm, Probe
 from calib_model.kinematics import CorrectedArm, Correction, points_of_turned
 from calib_solver.problem import IntArray, Problem, place_gauge
@@ -107,5 +107,5 @@ def _position_errors(problem: Problem, p_base: Array, center: Array) -> tuple[Ar
         points[rows] = placed.points
         if len(rows) > 1:
             displaced[rows] = np.linalg.norm(center[rows] - placed.points, axis=1)
-    errors = np.linalg.norm(p_base - np.repeat(points, problem.counts, axis=0), axis=1)
+    errors = lengths(p_base - np.repeat(points, problem.counts, axis=0))
     return errors, displaced
