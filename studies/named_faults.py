@@ -115,7 +115,7 @@ for _size in (0.005, 0.02, 0.1):
 def _(scene: Scene, measured: Measurement, rng: np.random.Generator) -> Spoilt:
     gauge = measured.gauge
     wrong = replace(gauge, sphere_diameter=2 * gauge.sphere_diameter)
-    return replace(measured, gauge=wrong), "spheres' diameter"
+    return replace(measured, gauge=wrong), 'made for spheres of about 22 mm, those of .* have 44 mm'
 
 
 def _jump(size: float) -> Spoil:

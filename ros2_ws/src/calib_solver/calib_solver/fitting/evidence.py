@@ -209,12 +209,12 @@ def minimise_by_evidence(
     residuals are large, and a prior weighed by these would hold the fit there. Where that leaves
     doubts, other ways are tried from the same start, and the one the evidence is for is taken.
 
-    Where terms are few, a `guide` leads, another objective of the same measurements that tells
-    more: it gives the widths and the place from which hardly any prior is left. Distances along a
-    straight bar go with the square of a sphere's offset across it: a long, bent valley, and the
-    prior would go down its floor.
+    A `guide` leads, if there is one, an objective that tells more by the same few poses: it gives
+    the widths and the place from which hardly any prior is left. Distances along a straight bar go
+    with the square of a sphere's offset across it: a long, bent valley, and the prior would go
+    down its floor.
     """
-    if guide is not None and evaluate(start).terms < FEW * len(start):
+    if guide is not None:
         return _led(evaluate, guide, start, group, times, least_noise)
     first = _begun(evaluate, start, group, times, least_noise)
     if times is not None or not _doubtful(first):
@@ -259,8 +259,8 @@ def _led(
     if not led.fit.converged:
         fit = replace(fit, converged=False, reason=led.fit.reason)
     elif fit.unseen.shape[1]:
-        reason = f'distances and scatter leave {fit.unseen.shape[1]} directions to eq. 10'
-        fit = replace(fit, reason=reason)
+        alone = f'{fit.unseen.shape[1]} directions are told by the certificate alone (eq. 10)'
+        fit = replace(fit, reason=f'{alone}, not by distances and scatter')
     # what the guide came down is not the objective
     on_the_way = tuple(replace(one, history=()) for one in led.fits)
     return replace(led, fits=(*on_the_way, fit))

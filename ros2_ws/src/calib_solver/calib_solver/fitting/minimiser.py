@@ -88,7 +88,7 @@ class Minimiser(Generic[P]):
         raise NotImplementedError
 
     def guide(self, problem: P) -> Evaluate | None:
-        """What leads where the objective's terms are few, if anything tells more."""
+        """What leads where poses are few, if anything tells more by them than the objective."""
         return None
 
     @cached_property

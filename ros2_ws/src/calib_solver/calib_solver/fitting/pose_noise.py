@@ -40,13 +40,18 @@ def noise_variance(
         freedom = quadratic.terms - rank
         left = quadratic.phi / max(freedom, 1) - certified
     else:
-        independent = sum(_independent_distances(problem, rows) for rows in problem.placements)
+        independent = independent_distances(problem)
         freedom = independent - rank
         error, _ = distance_errors(problem, sums)
         square = float(error @ error) / max(len(error), 1) * independent / max(freedom, 1)
         each = (1 / np.maximum(sums.count, 1))[problem.pairs].sum(axis=1)
         left = (square - 2 * certified) / max(float(np.sum(each)) / max(len(error), 1), 1e-300)
     return (ASSUMED_NOISE**2, True) if freedom < 1 else (max(left, 0.0), False)
+
+
+def independent_distances(problem: Problem) -> int:
+    """How many of the certified distances do not follow from the others, to first order."""
+    return sum(_independent_distances(problem, rows) for rows in problem.placements)
 
 
 def _independent_distances(problem: Problem, rows: IntArray) -> int:

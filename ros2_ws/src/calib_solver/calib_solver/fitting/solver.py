@@ -14,11 +14,12 @@ from calib_model.arrays import Array
 from calib_model.errors import RankError
 from calib_model.instruments import Arm, PassiveProbe, Probe
 from calib_model.kinematics import ParameterTable
+from calib_solver.fitting.evidence import FEW
 from calib_solver.fitting.levenberg_marquardt import Evaluate, Fit
 from calib_solver.fitting.minimiser import Descent, Minimiser
 from calib_solver.fitting.objectives import Objective, Quadratic, objective, position
 from calib_solver.fitting.options import LEADING
-from calib_solver.fitting.pose_noise import pose_variance
+from calib_solver.fitting.pose_noise import independent_distances, pose_variance
 from calib_solver.fitting.probe_mount import ProbeFit, fit_probe
 from calib_solver.problem import Problem, SphereSums
 
@@ -75,9 +76,14 @@ class Solver(Minimiser[Problem]):
         return self.objective(problem, self.sums(problem, x))
 
     def guide(self, problem: Problem) -> Evaluate | None:
-        """Eq. 10, which knows three spheres of a place by more than their distances."""
-        distances = self.options.objective == LEADING
-        if not distances or max(map(len, problem.placements), default=0) < 3:
+        """Eq. 10 of few poses, which knows three spheres of a place by more than their distances;
+        of many in a line most distances only say again what the others do."""
+        most = max(map(len, problem.placements), default=0)
+        few = FEW * len(self.nominal)
+        terms = 3 * (len(problem.joints) - len(problem.keys))
+        if self.options.objective != LEADING or most < 3 or terms >= few:
+            return None
+        if terms + independent_distances(problem) >= few:
             return None
         return lambda x: position(problem, self.sums(problem, x))
 

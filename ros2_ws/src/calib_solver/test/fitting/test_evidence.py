@@ -157,3 +157,17 @@ def test_a_straight_bar_tells_in_few_poses_what_its_distances_alone_do_not(seed)
     assert errors[0] < 1.5 * errors[1]
     assert not done.fit.converged
     assert len(done.fit.history) <= done.fit.iterations
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('seed', [702, 704])
+def test_distances_that_follow_from_others_do_not_make_few_poses_many(seed):
+    """Eight spheres in a line have 28 distances, of which seven do not follow from the others."""
+    spheres = tuple(range(1, 16, 2))
+    scene = simulate(
+        kr5(), active(), seed, locations=2, spheres=spheres, poses=2, noise=1e-5, errors=8.0
+    )
+    rows = np.arange(len(scene.measured.poses))
+    few = replace(scene.measured, poses=scene.measured.poses.take((rows % 2 == 0) | (rows < 8)))
+    done = identify(few, Options(quick=True))
+    assert scene.prediction_error(done.arm, done.probe) < 2e-4
