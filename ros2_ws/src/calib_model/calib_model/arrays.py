@@ -11,9 +11,13 @@ Array = NDArray[np.float64]
 
 def frozen(values: object) -> Array:
     """A read-only float64 copy of `values`, any shape."""
-    array = np.array(values, dtype=np.float64, order='C')
-    array.setflags(write=False)
-    return array
+    return read_only(np.array(values, dtype=np.float64, order='C'))
+
+
+def read_only(values: Array) -> Array:
+    """An array that nobody else holds, any shape, itself, read-only from now on."""
+    values.setflags(write=False)
+    return values
 
 
 def largest_difference(one: Array, other: Array) -> float:

@@ -130,9 +130,8 @@ class Whereabouts:
 
     def restless(self) -> RunError:
         """What to say of an arm that has not come to rest."""
-        step = (
-            np.zeros(len(self._names)) if self._stands.step is None else np.abs(self._stands.step)
-        )
+        left = self._stands.step
+        step = np.zeros(len(self._names)) if left is None else np.abs(left)
         joint = int(np.argmax(step))
         return RunError(
             f'the arm does not come to rest: {self._names[joint]} moves or scatters by '

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.arrays import Array, lengths, median
+from calib_model.arrays import Array, lengths, median, read_only
 from calib_solver.faults.stuck_styli import Stretch, set_apart
 from calib_solver.fitting import Descent, Solver
 from calib_solver.problem import IntArray, Problem
@@ -112,7 +112,7 @@ def without_gross_errors(
             there = points if not moved else probed_points(current, arm, probe)
             error, allowed = _judged_distances(current, there, kept)
             softened = _soft(error, np.maximum(median(error), allowed / FAR))
-            current = replace(current, pair_weight=_read_only(softened))
+            current = replace(current, pair_weight=read_only(softened))
     stuck = _stuck_lines(stretches, stretch, kept)
     if kept.all() and not moved:
         return Cleaned(problem, (), {}, stuck, descent)
@@ -153,17 +153,12 @@ def _stuck_lines(stretches: tuple[Stretch, ...], stretch: IntArray, kept: Mask) 
     return tuple(lines)
 
 
-def _read_only(weight: Array) -> Array:
-    weight.setflags(write=False)
-    return weight
-
-
 def _weighted(problem: Problem, moved: Moved, weight: Array) -> Problem:
     """The problem with spheres that `moved` apart and weights (N,) of the poses."""
     if not moved and np.array_equal(weight, problem.weight):
         return problem
     placed = Problem.of(problem.measured, moved) if moved else problem
-    return replace(placed, weight=_read_only(weight))
+    return replace(placed, weight=read_only(weight))
 
 
 def _centers(problem: Problem, points: Array, kept: Mask) -> Array:

@@ -78,12 +78,11 @@ class Solver(Minimiser[Problem]):
     def guide(self, problem: Problem) -> Evaluate | None:
         """Eq. 10 of few poses, which knows three spheres of a place by more than their distances;
         of many in a line most distances only say again what the others do."""
-        most = max(map(len, problem.placements), default=0)
-        few = FEW * len(self.nominal)
-        terms = 3 * (len(problem.joints) - len(problem.keys))
-        if self.options.objective != LEADING or most < 3 or terms >= few:
+        scatter, few = 3 * (len(problem.joints) - len(problem.keys)), FEW * len(self.nominal)
+        if self.options.objective != LEADING or scatter >= few:
             return None
-        if terms + independent_distances(problem) >= few:
+        most = max(map(len, problem.placements), default=0)
+        if most < 3 or scatter + independent_distances(problem) >= few:
             return None
         return lambda x: position(problem, self.sums(problem, x))
 

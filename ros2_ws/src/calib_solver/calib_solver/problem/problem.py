@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from calib_model.arrays import Array, frozen
+from calib_model.arrays import Array, frozen, read_only
 from calib_model.instruments import Arm
 from calib_model.measurement import Measurement, group_by_sphere
 
@@ -31,10 +31,8 @@ class Turned:
         """Of postures (N, n)."""
         moved = frozen((arm.direction * arm.uncoupled(joints)).T)
         turned = np.where(arm.prismatic[:, None], 0.0, moved) if arm.prismatic.any() else moved
-        cosine, sine = np.cos(turned), np.sin(turned)
-        cosine.setflags(write=False)
-        sine.setflags(write=False)
-        return cls(cosine, sine, frozen(moved[arm.prismatic]))
+        slide = moved[arm.prismatic]
+        return cls(read_only(np.cos(turned)), read_only(np.sin(turned)), read_only(slide))
 
     def take(self, rows: IntArray) -> Turned:
         """Of some of the postures."""
